@@ -162,16 +162,21 @@ def second_order(
 
 
 def tan_quarter(angle: np.ndarray) -> np.ndarray:
-    """Return tan(angle/4) / angle."""
+    """Return tan(angle / 4) / angle for angles in radians; 1/4 at 0."""
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     return np.where(small, 0.25 + angle**2 / 192.0, np.tan(0.25 * safe) / safe)
 
 
 def _turn_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return alpha / angle and beta / angle of the second-order term of log(e^(turn/2) e^delta e^(turn/2)).
+    """Return alpha / angle and beta / angle, coefficients of the second-order change of a rotation vector.
 
-    alpha = -(angle - sin angle) / (8 sin^2(angle/2)), beta = (2 sin(angle/2) - angle cos(angle/2)) / (4 sin^2(angle/2))
+    When a relative rotation with the vector turn, of length angle and direction n, changes by a small vector e in the
+    half-way frame, its rotation vector log(exp(turn/2) exp(e) exp(turn/2)) changes to second order by
+    alpha |e_across|^2 n + beta (n.e) e_across, with e_across the part of e at right angles to n and
+
+        alpha = -(angle - sin angle) / (8 sin^2(angle/2))
+        beta = (2 sin(angle/2) - angle cos(angle/2)) / (4 sin^2(angle/2))
     """
     small = angle < 1e-2
     safe = np.where(small, 1.0, angle)

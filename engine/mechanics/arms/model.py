@@ -1,10 +1,11 @@
 """The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of a cut arm.
 
 The compliance of a cut arm is its compliance in the stiffness table plus a correction (see ``cut``). The compliances of
-both arms of a joint add up, because both carry the same wrench. The strains of a joint are the motion of one hub
-relative to the other: the relative turn as a rotation vector, and the vector from the first arm's bend point to the
-second arm's (see ``arm_bend``) in the frame half way between both hubs (corotational). A second-order term (see
-``curving``) stiffens spirals that are pulled straight. It is slow to compute and matters under strong forces only.
+both arms of a joint add up, because both carry the same wrench. The six strains of a joint are the motion of its second
+hub relative to its first: the shift, which is the change of the vector from the first arm's bend point to the second
+arm's (see ``arm_bend``), and the turn, the rotation vector of the second hub relative to the first. Both are measured
+in the frame half way between both hubs (corotational). A second-order term of the strains (see ``curving``) stiffens
+spirals that are pulled straight. It is slow to compute and matters under strong forces only.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from ..out_of_range import OutOfRange
 from ..vectors import matvec, skew
 from . import stiffness
 from .compliances import ArmCompliances, arm_compliances
-from .curving import CurvedArms, add_second_order, contract_with_wrench, second_order_strains, transfer_second_order
+from .curving import CurvedArms, second_order_strains, transfer_second_order
 from .cut import added_compliance_by_shape, rest_shapes
-from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
+from .joint_energies import correct_strains, expand_joints
+from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion
 from .sensitivity import JointDerivatives, arm_loads, convex_by_design
 from .stacked import BATCH
 from .strain_changes import arm_strains
@@ -34,7 +36,10 @@ from .strain_changes import arm_strains
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """A pose, the joints' motion at this pose, and the strains (m, 6) that the last step predicted to first order."""
+    """A pose of the hubs and the motion of the joints at this pose.
+
+    predicted : (m, 6) strains at this pose as the last Newton step predicted them to first order
+    """
 
     pose: Pose
     motion: JointMotion
@@ -45,15 +50,19 @@ class ArmState:
 class ArmModel:
     """The elastic model of an assembly with one 6 x 6 stiffness per joint.
 
-    assembly : spirals and joints at rest, rim included; compliance : of both arms of every joint; material : of all
-        arms
-    at_joint : (m, 6, 6) SI, stiffness against motions of the joint as fixed to the second hub relative to the joint as
-        fixed to the first, in the joint's axes
-    lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
+    The shift between two hubs can be measured between any two points, one fixed to each hub. Two such pairs are used:
+    both at the place of the joint at rest ("at the joint"), or each at its arm's bend point. Stiffnesses are in SI
+    units, in the joint's axes, for shift (3) and turn (3).
+
+    assembly : spirals and joints at rest, rim included
+    compliance : tip compliances of both arms of every joint
+    material : of all arms
+    at_joint : (m, 6, 6) stiffness against motions that are measured at the joint
+    stiffness : (m, 6, 6) stiffness against motions that are measured between the bend points
+    lever : (m, 2, 3) metres, from the hubs to their arms' bend points, in the flat frames of their patches
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
-    stiffness : (m, 6, 6) SI, against motions of the second bend point relative to the first, in the joint's axes
     offset : (m, 3) metres, from the joint to the midpoint of both bend points at rest, in the joint's axes
-    curving_at_joint : (m, 6, 6, 6) second-order term of the joints' motion; None leaves it out
+    curving_at_joint : (m, 6, 6, 6) second-order term of the motions measured at the joint; None leaves it out
     """
 
     assembly: Assembly
@@ -84,7 +93,7 @@ class ArmModel:
         assembly : spirals and joints at rest, with or without a rim
         material : of all arms
         curving : include the second-order term of the strains
-        slopes : compute the derivatives by the design now; otherwise they are computed when first used
+        slopes : compute the compliances' derivatives by the design now; otherwise they are computed at their first use
         progress : is updated while the second-order term is computed
         """
         whole = assembly.whole
@@ -92,9 +101,9 @@ class ArmModel:
         return cls.assemble(whole, found, whole.bend_points[0], material, curving, progress)
 
     def with_rest_geometry(self, assembly: Assembly) -> ArmModel:
-        """Return the model of the same spirals on the slightly different rest geometry of ``assembly``.
+        """Return the model of ``assembly``, which has the spirals of this model in a slightly different rest geometry.
 
-        Compliances are updated to first order; the second-order term of the motions at the joints is kept.
+        Compliances are updated to first order; the second-order term ``curving_at_joint`` is copied unchanged.
         """
         change = rest_shapes(assembly, self.material) - rest_shapes(self.assembly, self.material)
         compliance = self.compliance.to_first_order(change, self.cut_by_shapes) if change.any() else self.compliance
@@ -102,23 +111,27 @@ class ArmModel:
         return found.with_curving(self.curving_at_joint)
 
     def rebuilt(self, assembly: Assembly, material: Material) -> ArmModel:
-        made = ArmModel.from_assembly(assembly, material, curving=False, slopes=False)
-        return made.with_curving(self.curving_at_joint)  # the second-order term is kept: it is slowest to compute
+        model = ArmModel.from_assembly(assembly, material, curving=False, slopes=False)
+        # the second-order term is copied from this model, because computing it takes longest
+        return model.with_curving(self.curving_at_joint)
 
     @cached_property
     def cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
-        """Derivatives of the cut's correction by the arms' rest shapes, see ``cut.added_compliance_by_shape``."""
+        """Derivatives, by the arms' rest shapes, of the cut arms' compliances minus the table's.
+
+        Axes as in ``cut.added_compliance_by_shape``; zero for necks and strips of a rim.
+        """
         table, ties = self.compliance.table.reshape(-1, 6, 6), self.assembly.tie_joints
         found = added_compliance_by_shape(self.assembly, table, self.material)
-        if self.assembly.nodes:  # necks and strips have no table compliance
+        if self.assembly.nodes:  # necks and strips of the rim are not in the table
             found[2 * ties.start + 1 : 2 * ties.stop : 2], found[2 * ties.stop :] = 0.0, 0.0
         return found
 
     @cached_property
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
-        """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``.
+        """Derivatives of both arms' compliances by the design, as ``by`` of ``ArmCompliances``.
 
-        They are computed if the compliances do not store them. ``with_rest_geometry`` does not update stored ones.
+        They are computed if ``compliance`` has none. ``with_rest_geometry`` copies those of ``compliance`` unchanged.
         """
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None
@@ -126,15 +139,15 @@ class ArmModel:
 
     @cached_property
     def curving(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
-        """(m, 6, 6, 6) second-order term of the strains between the bend points; None if left out."""
+        """Second-order term (m, 6, 6, 6) of the motions measured between the bend points; None if left out."""
         return None if self.curving_at_joint is None else transfer_second_order(self.curving_at_joint, -self.offset)
 
     def with_own_curving(self) -> ArmModel:
-        """Return a copy whose second-order term is computed anew from its assembly and compliances."""
+        """Return a copy whose second-order term is computed from its own assembly and compliances."""
         return self.assemble(self.assembly, self.compliance, self.assembly.bend_points[0], self.material, True)
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
-        """Return a copy with this second-order term (m, 6, 6, 6) of the joints' motions; None leaves the term out."""
+        """Return a copy with ``at_joint`` (m, 6, 6, 6) as ``curving_at_joint``; None leaves the term out."""
         return replace(self, curving_at_joint=at_joint)
 
     @classmethod
@@ -152,15 +165,14 @@ class ArmModel:
         Parameters
         ----------
         assembly : spirals and joints at rest
-        compliance : of both arms of every joint
-        bend : (m, 2, 2) bend points, as in ``_bend_levers``
+        compliance : tip compliances of both arms of every joint
+        bend : (m, 2, 2) bend points of both arms, as ``arm_bend.bend_point`` returns them
         material, curving, progress : as in ``from_assembly``
         """
         axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly, bend)
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
-        # from the joint to the midpoint of the bend points
         offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
         stiffness = _move_to_bend_points(at_joint, offset)
         second = None
@@ -185,12 +197,12 @@ class ArmModel:
 
     @property
     def without_strips(self) -> ArmModel:
-        """The model without the joints between the rim's nodes."""
+        """The model without the strips of the rim, which are the joints between two of its nodes."""
         return self._select_joints(self.assembly.without_strips, np.arange(self.assembly.tie_joints.stop))
 
     @property
     def rim_only(self) -> ArmModel:
-        """The model of the rim's joints only."""
+        """The model with only the joints of the rim: those of its necks and of its strips."""
         whole, joints = self.assembly, np.arange(self.assembly.n_inner_joints, len(self.pairs))
         parts = {name: getattr(whole, name)[joints] for name in ("pairs", "sides", "lever", "axes")}
         return self._select_joints(replace(whole, **parts), joints)
@@ -209,7 +221,7 @@ class ArmModel:
         return replace(self, at_joint=factor * self.at_joint, stiffness=factor * self.stiffness)
 
     def with_bending(self, factor: float) -> ArmModel:
-        """Return the model with its stiffness against bending out of the sheet multiplied by ``factor``."""
+        """Return a copy whose stiffness against motions out of the sheet's plane is multiplied by ``factor``."""
         scale = np.where(OUT_OF_PLANE_MASK, np.sqrt(factor), 1.0)
         at_joint = np.outer(scale, scale) * self.at_joint
         return replace(self, at_joint=at_joint, stiffness=_move_to_bend_points(at_joint, self.offset))
@@ -221,7 +233,7 @@ class ArmModel:
         return ArmState(pose, motion, motion.vector)
 
     def _with_nodes(self, pose: Pose) -> Pose:
-        """Return the pose with the rim's nodes, in equilibrium while all hubs are held."""
+        """Return the pose with poses of the rim's nodes, which are in equilibrium between the fixed hubs."""
         from ...params import SimulateParams
         from ..equilibrium import solve
         from ..loads import Loads
@@ -241,26 +253,35 @@ class ArmModel:
         return ArmState(pose, self.motion(pose), motion.vector + change)
 
     def energy(self, state: ArmState) -> float:
-        e = _add_second_order(state.motion.vector, self.curving)[0]
+        e = correct_strains(state.motion.vector, self.curving)[0]
         return 0.5 * float((matvec(self.stiffness, e) * e).sum())
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
-        e, slope = _add_second_order(self.motion_at_joint(state), self.curving_at_joint)
+        e, slope = correct_strains(self.motion_at_joint(state), self.curving_at_joint)
         return matvec(np.swapaxes(slope, -1, -2), matvec(self.at_joint, e))
 
     def motion_at_joint(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
-        """Return motions (m, 6) of the joints as fixed to the second hub, relative to the first hub; half-way axes."""
+        """Return the motions (m, 6) of the joints, measured at the joint instead of at the bend points.
+
+        They are in half-way axes.
+        """
         motion = state.motion.vector
         motion[:, :3] += np.cross(self.offset, motion[:, 3:])
         return motion
 
     def arm_loads(self, state: ArmState) -> Float[np.ndarray, "joints 2 15"]:
-        """Return the loads of both arms of every joint in the arms' own axes, in the columns of ``bar_loads``."""
+        """Return the loads on both arms of every joint, in the arms' own axes.
+
+        Columns: ``WRENCH``, ``FIRST_ORDER`` and ``TURN`` of ``bar_loads``.
+        """
         linear = matvec(self.at_joint, self.motion_at_joint(state))
         return arm_loads(self.assembly, self.wrenches(state), linear, state.motion.turn)
 
     def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:
-        """Return every joint's contribution (m, 12) to the energy gradient, in the order of ``Expansion.hessian``."""
+        """Return every joint's contribution (m, 12) to the gradient of the energy.
+
+        Columns as in ``Expansion.hessian``: increments of the first hub (6), then of the second (6).
+        """
         inner = self.wrenches(state)
         inner[:, 3:] -= np.cross(self.offset, inner[:, :3])
         return matvec(
@@ -290,28 +311,35 @@ class ArmModel:
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
     def strain_rates(self, state: ArmState) -> Float[np.ndarray, "joints 6 12"]:
-        """Return the derivatives (m, 6, 12) of the strains, second-order term included, by both hubs' increments."""
-        slope, middle = _add_second_order(state.motion.vector, self.curving)[1], state.motion.middle
+        """Return the derivatives (m, 6, 12) of the strains by the increments of both hubs (6 each).
+
+        The strains are those between the bend points, with their second-order term.
+        """
+        slope, middle = correct_strains(state.motion.vector, self.curving)[1], state.motion.middle
         rates = first_order(SpatialMotion.from_joints(state.motion)).reshape(-1, 2, 3, 12)
         return slope @ (np.swapaxes(middle, 1, 2)[:, None] @ rates).reshape(-1, 6, 12)
 
     def convex_by_design(self, state: ArmState, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """Differentiate every joint's convex energy in a motion by widths and twists of its spirals, at a fixed pose.
+        """Differentiate every joint's convex energy by the design, at a fixed pose.
+
+        The convex energy of a direction is the second derivative of the energy along it, by the convex part of the
+        Hessian (``Expansion.convex``).
 
         Parameters
         ----------
         state : at which the energy is expanded
-        way : (m, 12) the motion: increments of both hubs, in the order of ``Expansion.hessian``
+        way : (m, 12) the direction: increments of the first hub (6), then of the second (6), of every joint
 
         Returns
         -------
-        (m, 2, 5) : side of the joint; four widths (per metre) and the twist (per radian)
+        (m, 2, 5) : derivatives; axis 1: side of the joint; axis 2: four widths of the spiral on this side (per metre),
+            then its twist (per radian)
         """
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
         return convex_by_design(*known, state.motion, way, self.curving_at_joint)
 
     def changes(self, state: ArmState) -> JointDerivatives:
-        """Return derivatives of the joints' wrenches by pose and design, with a constant second-order term."""
+        """Return the derivatives of the joints' wrenches by pose and design, as if D did not depend on the design."""
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
         return JointDerivatives.from_assembly(*known, state.motion, self.curving_at_joint)
 
@@ -325,7 +353,7 @@ class ArmModel:
         for start in range(0, m, BATCH):
             part = slice(start, start + BATCH)
             motion = state.motion.subset(part)
-            per_joint[part], gradient[part], hessian[part], convex[part] = _expand_joints(
+            per_joint[part], gradient[part], hessian[part], convex[part] = expand_joints(
                 motion,
                 self.stiffness[part],
                 None if self.curving is None else self.curving[part],
@@ -340,60 +368,32 @@ class ArmModel:
         )
 
 
-def _add_second_order(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return strains (m, 6) plus their second-order term, if any, and the derivatives (m or 1, 6, 6) by ``strains``."""
-    return (strains, np.eye(6)[None]) if curving is None else add_second_order(strains, curving)
-
-
-def _expand_joints(
-    motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, predicted: Float[np.ndarray, "joints 6"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return energies (m,), gradients (m, 12), Hessians (m, 12, 12) and their convex parts of joints, in space's axes.
-
-    predicted : (m, 6) strains whose stresses weight the second derivatives of the strains
-    """
-    base = motion.middle
-    strains, slope = _add_second_order(motion.vector, curving)
-    across = np.swapaxes(slope, 1, 2)
-    inner = matvec(stiffness, strains)
-    per_joint = 0.5 * np.einsum("mi,mi->m", inner, strains)
-    ahead = matvec(stiffness, strains + matvec(slope, predicted - motion.vector))
-    at = SpatialMotion.from_joints(motion)
-    jacobian = first_order(at)
-    back = np.swapaxes(jacobian, 1, 2)
-    spread = np.zeros((len(base), 6, 6))
-    spread[:, :3, :3] = spread[:, 3:, 3:] = base
-    gradient = matvec(back, matvec(spread, matvec(across, inner)))
-    weight = matvec(spread, matvec(across, ahead))
-    if curving is None:
-        convex = back @ (spread @ stiffness @ np.swapaxes(spread, 1, 2) @ jacobian)
-        return per_joint, gradient, convex + second_order(at, weight[:, :3], weight[:, 3:]), convex
-    turned = np.swapaxes(spread, 1, 2) @ jacobian
-    back = np.swapaxes(turned, 1, 2)
-    convex = back @ (across @ stiffness @ slope) @ turned
-    bent = back @ (2.0 * contract_with_wrench(ahead, curving)) @ turned
-    return per_joint, gradient, convex + bent + second_order(at, weight[:, :3], weight[:, 3:]), convex
-
-
 def _rotate_to_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 6"]:
-    """Rotate vectors (m, 6) from the half-way axes to the axes of space."""
+    """Rotate pairs of vectors (m, 3 + 3) from the half-way axes to the axes of space."""
     middle = motion.middle
     return np.concatenate([matvec(middle, vectors[:, :3]), matvec(middle, vectors[:, 3:])], axis=1)
 
 
-# motions of a joint out of the sheet's plane: the shift along the normal and the turns about the two axes in the plane
+# mask of the strains of a joint that are motions out of the sheet's plane: the shift along the normal and the turns
+# about the two axes in the plane
 OUT_OF_PLANE_MASK = np.array([False, False, True, True, True, False])
 
 
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:
-    """Return the vectors (m, 2, 3), metres, from the hubs to the arms' bend points ``bend`` (m, 2, 2)."""
+    """Return the vectors (m, 2, 3), metres, from the hubs to the arms' bend points, in the flat frames of the patches.
+
+    bend : (m, 2, 2) bend points in units of the arms' radii, as ``arm_bend.bend_point`` returns them
+    """
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.lever_normals
 
 
 def _move_to_bend_points(
     at_joint: Float[np.ndarray, "joints 6 6"], offset: np.ndarray
 ) -> Float[np.ndarray, "joints 6 6"]:
-    """Convert stiffnesses against motions at the joints to stiffnesses against motions between the bend points."""
+    """Convert stiffnesses against motions measured at the joint to those against motions between the bend points.
+
+    offset : (m, 3) as in ``ArmModel``
+    """
     transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
     transfer[:, :3, 3:] = skew(offset)
     return np.swapaxes(transfer, 1, 2) @ at_joint @ transfer

@@ -12,16 +12,19 @@ from ..vectors import skew
 from .beams import SHEAR_FACTOR, torsion_constant
 from .grain import SectionFlexibility
 
-STATIONS = 16  # pieces of an arm, with constant strain in each; more are slower and more exact (error 3e-4 of an edge)
-POISSON = 0.35  # Poisson's ratio without a material; its effect on positions is small
+# number of pieces of an arm, with constant strain in each; more are slower and more exact (error of the positions 3e-4
+# of the length of an edge of the mesh)
+STATIONS = 16
+POISSON = 0.35  # Poisson's ratio where no material is given; its effect on positions is small
 
 
 @dataclass(frozen=True)
 class Grain:
     """The grain of a sheet.
 
-    known : moduli, Pa; angle : radians from the x axes of the flat frames to the grain
-    unit : Pa; flexibilities are for the moduli divided by ``unit``
+    known : moduli of the sheet, Pa
+    angle : from the x axes of the flat frames to the grain, radians
+    unit : Young's modulus, Pa, by which the moduli are divided to compute flexibilities
     """
 
     known: Orthotropy
@@ -31,11 +34,18 @@ class Grain:
     def yields(
         self, tangent: np.ndarray, width: np.ndarray, height: float
     ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
-        """Return flexibilities (A, S, 3, 3) of pieces per length of arm: turn per moment; stretch and shear per force.
+        """Return the flexibilities of pieces per length of arm, for moduli divided by ``unit``.
 
-        tangent, width : (A, S, 3) unit vectors and (A, S) metres, of the pieces; height : metres, of the sheet
+        Parameters
+        ----------
+        tangent : (A, S, 3) unit tangents of the pieces, in the flat frame
+        width, height : (A, S) widths of the pieces and thickness of the sheet, metres
 
-        Axes: along the arm, across it in the sheet, normal to the sheet."""
+        Returns
+        -------
+        (A, S, 3, 3) and (A, S, 3, 3) : bend per moment, and stretch and shear per force. Axes of the matrices: along
+            the arm, across it in the sheet, normal to the sheet
+        """
         found = SectionFlexibility.evaluate(
             self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height
         )
@@ -59,19 +69,20 @@ def piece_flexibilities(
     poisson: float,
     grain: Grain | None = None,
 ) -> Float[np.ndarray, "arms stations 6 6"]:
-    """Return bend and stretch of the pieces per wrench at the tip, for a Young's modulus of 1 Pa.
+    """Return how S pieces of each of A arms deform under a wrench at the arm's tip, for a Young's modulus of 1 Pa.
 
     Parameters
     ----------
-    lever : (A, S, 3) metres, from the pieces to the tip
-    tangent : (A, S, 3) unit vectors, outwards
-    length, width : (A, S) metres
+    lever : (A, S, 3) vectors from the pieces to the tip, in the flat frame, metres
+    tangent : (A, S, 3) unit tangents of the pieces, towards the tip
+    length, width : (A, S) of the pieces, metres
     height, poisson : thickness of the sheet, metres, and Poisson's ratio
     grain : None for sheets without a grain
 
     Returns
     -------
-    (A, S, 6, 6) : rows: bend (rad), stretch and shear (m); columns: force, moment; all in the flat frame
+    (A, S, 6, 6) : rows: bend of the piece (3, rad), its stretch and shear (3, metres); columns: force (3) and moment
+        (3) at the tip; all in the flat frame
     """
     normal = np.broadcast_to([0.0, 0.0, 1.0], tangent.shape)
     aside = np.cross(normal, tangent)

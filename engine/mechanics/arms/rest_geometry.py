@@ -1,10 +1,10 @@
-"""Derivatives of the arm model's joints by their rest geometry, at a fixed pose.
+"""Derivatives of the arm model's joints by their rest geometry, at a fixed pose, twist and width.
 
-The rest geometry has three parameters on each side of a joint: x and y of the lever from the hub's centre to the joint,
-and the direction of the edge there. They determine radius and lean of the arms, hence the compliances, and the points
-between which the joint's motion is measured. A turn of the edge about the sheet's normal has the effect of a turn of
-the hub about its normal, after which the lever is turned back. So derivatives by it are derivatives by the hub's
-increments plus derivatives by the lever. Twists and widths are constant.
+The rest geometry has three parameters on each side of a joint: x and y of the lever, which is the vector from the hub's
+centre to the joint, and the direction of the edge there. They determine radius and lean of the arms, hence the
+compliances, and the points between which the joint's motion is measured. When only the edge is rotated about the
+sheet's normal, the joint moves as if the hub rotated about its normal and the lever then were rotated back. So
+derivatives by the edge's direction are derivatives by the hub's increments plus derivatives by the lever.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from .joint_motion import SpatialMotion, second_order, tan_quarter
 from .model import ArmModel, ArmState
 from .sensitivity import SENSES, JointDerivatives, arm_loads
 
-# signs (2, 1, 1) of the derivatives of the gap between bend points by the bend points of both sides
+# signs (2, 1, 1) of the derivatives of a joint's gap, the second bend point minus the first, by the bend points of its
+# two sides: -1 and 1
 _GAP = -SENSES[:, None, None]
 
 
@@ -32,10 +33,12 @@ _GAP = -SENSES[:, None, None]
 class RestChanges:
     """Derivatives of m joints by their rest geometry: on either side x and y of the lever, and direction of the edge.
 
-    Derivatives are per metre and per radian. Arrays (m, 6, ...) hold the parameters of the first side, then of the
-    second.
+    Derivatives are per metre and per radian. Axis 1 of arrays (m, 6, ...) counts the three parameters of the first
+    side, then those of the second.
 
-    model, state : of the joints; changes : derivatives by pose and design in this state
+    model : elastic model of the joints
+    state : at which they are differentiated
+    changes : the joints' derivatives by pose and design in this state
     """
 
     model: ArmModel
@@ -48,24 +51,24 @@ class RestChanges:
 
     @cached_property
     def _frames(self) -> Float[np.ndarray, "joints 2 3 3"]:
-        """Rotations from the joint's axes on either side to the half-way axes."""
+        """Rotations from the joint's axes, as fixed to the hub on either side, to the half-way axes."""
         return rotation_matrix(-0.5 * SENSES[:, None] * self.changes.turn[:, None])
 
     @cached_property
     def _normals(self) -> Float[np.ndarray, "joints 2 3"]:
-        """Normals of both hubs, in space."""
+        """Sheet normals at both hubs of every joint, in space."""
         return self.state.pose.whole.rotations[self._assembly.pairs][..., 2]
 
     @cached_property
     def _levers(self) -> tuple[Float[np.ndarray, "joints 2 3 3"], Float[np.ndarray, "joints 2 3 3"]]:
-        """Derivatives by the rest geometry of the levers and of the vectors from hubs to bend points, in joints' axes.
+        """Derivatives by the rest geometry of two vectors: the lever, and the vector from the hub to the bend point.
 
-        Axes of the arrays: joint, side, parameter, component.
+        Axes of both arrays: joint; side; parameter of this side; component in the joint's axes.
         """
         known = self._assembly
         back, winding = np.swapaxes(known.axes, 2, 3), -1.0 if known.clockwise else 1.0
         lever, bend = (matvec(back, v) for v in (known.lever, self.model.lever))
-        own = known.axes[:, :, :2]  # rows are the x and y axes of the patch in the joint's axes
+        own = known.axes[:, :, :2]  # its rows are the x and y axes of the patch, with components in the joint's axes
         along, aside = np.moveaxis(known.bend_points[0], 2, 0)[..., None, None]
         by_bend = along * own + winding * aside * _about_normal(own)
         return (
@@ -75,9 +78,10 @@ class RestChanges:
 
     @cached_property
     def _shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives by the rest geometry of each arm's radius, its angle to the edge and its angle in the patch.
+        """Derivatives by the rest geometry of three numbers of each arm.
 
-        Each array is (m, 2, 3): joint, side, parameter.
+        They are its radius, the angle from the edge's direction to its radius, and the angle from the x axis of the
+        flat frame to its radius. Each array is (m, 2, 3): joint, side, parameter of this side.
         """
         lever = self._assembly.lever[..., :2]
         radius = self._assembly.radius[..., None]
@@ -88,14 +92,18 @@ class RestChanges:
 
     @cached_property
     def _gap(self) -> Float[np.ndarray, "joints 3"]:
-        """Vector from the joint as fixed to the first hub to the joint as fixed to the second, in the half-way axes."""
+        """Gap at the joint, in the half-way axes.
+
+        The point of the joint at rest is fixed once to the first hub and once to the second; the gap is the vector from
+        the first of these points to the second.
+        """
         lever = np.swapaxes(self._assembly.axes, 2, 3)
         beyond = matvec(self._frames, matvec(lever, self._assembly.lever - self.model.lever))
         return self.state.motion.gap + beyond[:, 1] - beyond[:, 0]
 
     @property
     def _by_shapes(self) -> Float[np.ndarray, "joints 2 _ 6 6"]:
-        """Derivatives of the compliances of both arms by their ``cut.rest_shapes``."""
+        """Derivatives of both arms' compliances, in their own axes, by the columns of ``cut.rest_shapes`` (axis 2)."""
         known = self.model.compliance
         by = self.model.cut_by_shapes.reshape(*known.values.shape[:2], -1, 6, 6).copy()
         by[:, :, SHAPE_RADIUS] += 2.0 * known.table_by_scale
@@ -105,13 +113,13 @@ class RestChanges:
 
     @cached_property
     def _compliances(self) -> Float[np.ndarray, "joints 2 6 6"]:
-        """Compliances of both arms in the joint's axes."""
+        """Tip compliances of both arms in the joint's axes."""
         axes = self._assembly.arm_axes
         return axes @ self.model.compliance.values @ np.swapaxes(axes, 2, 3)
 
     @cached_property
     def _tip_wrenches(self) -> Float[np.ndarray, "joints 6"]:
-        """Wrenches that cause the tip motions of ``tip_motion``."""
+        """Wrenches at the tips under which the arms reach the tip motions of ``tip_motion``."""
         return matvec(self.changes.at_joint, np.concatenate([self._gap, self.changes.turn], axis=1))
 
     @cached_property
