@@ -1,8 +1,8 @@
 """Spirals and the joints between them as arrays: the input of the elastic models.
 
 A spiral is a rigid hub with four elastic arms (FlexMaps section 6.1). Two arms meet rigidly at a joint. At rest every
-hub lies in the plane of its own patch. A joint across a seam has a rest state on either side, so the assembly needs no
-common rest shape.
+hub lies in the plane of its own flat patch. For a joint across a seam, the rest position is stored in both patches, so
+no common rest shape is needed.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from .arm_bend import bend_point
 from .rim_bodies import BACKWARDS, FORWARDS, NECK, RimJoints
+from .vectors import nearest_rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class Pose:
 
     centres : (n, 3) metres
     rotations : (n, 3, 3) from the flat frame of a hub's patch (x and y in its plane, z its outer normal) to space
-    nodes : the rim's nodes relative to their hubs; None without a rim, or before they are computed
+    nodes : poses of the rim's nodes relative to their hubs; None without a rim, or before they are computed
     """
 
     centres: Float[np.ndarray, "spirals 3"]
@@ -35,9 +36,10 @@ class Pose:
     nodes: RimNodes | None = None
 
     def moved(self, step: np.ndarray) -> Pose:
-        """Return the pose with hubs shifted by step[:, :3], metres, and turned by the rotation vectors step[:, 3:].
+        """Return the pose after the increments ``step``.
 
-        ``step`` (n, 6) is in space. Rows for the rim's nodes may follow; without them the nodes move with their hubs.
+        step : (n, 6) shift (3, metres) and rotation vector (3, radians) of every hub, in space. Rows for the rim's
+            nodes may follow; without them the nodes move with their hubs
         """
         n = len(self.centres)
         moved = Pose(self.centres + step[:n, :3], Rotation.from_rotvec(step[:n, 3:]).as_matrix() @ self.rotations)
@@ -49,7 +51,7 @@ class Pose:
 
     @cached_property
     def whole(self) -> Pose:
-        """The pose with the rim's nodes appended to the hubs."""
+        """The pose of hubs and nodes: the rim's nodes are appended to the arrays of the hubs, in space."""
         if self.nodes is None:
             return self
         hub, frame = self.nodes.hub, self.rotations[self.nodes.hub]
@@ -58,25 +60,25 @@ class Pose:
         return Pose(np.concatenate([self.centres, centres]), np.concatenate([self.rotations, turns]))
 
     def transform(self, rotation: Float[np.ndarray, "3 3"], shift: np.ndarray) -> Pose:
-        """Return the pose, rotated as a whole and then shifted.
+        """Return the pose after a rigid motion of the whole piece.
 
         Parameters
         ----------
-        rotation : (3, 3)
-        shift : (3,) metres
+        rotation : (3, 3) rotation about the origin, first
+        shift : (3,) then a shift, metres
         """
         return Pose(self.centres @ rotation.T + shift, rotation @ self.rotations, self.nodes)
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> Pose:
-        """Return the poses of some hubs (k,) int."""
+        """Return the poses of the k hubs with the indices ``hubs``, with their rim nodes."""
         return Pose(self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs))
 
     def with_part(self, hubs: Int[np.ndarray, " some"], part: Pose) -> Pose:
-        """Return a copy with other poses of some hubs; the rim's nodes move with their hubs.
+        """Return a copy in which k hubs have new poses; the rim's nodes move with their hubs.
 
         Parameters
         ----------
-        hubs : (k,) int
+        hubs : (k,) indices of the hubs
         part : their new poses
         """
         centres, rotations = self.centres.copy(), self.rotations.copy()
@@ -84,16 +86,21 @@ class Pose:
         return replace(self, centres=centres, rotations=rotations)
 
     def aligned_to(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
-        """Return the pose, moved rigidly so that its centres lie closest to ``centres`` (n, 3), metres (Procrustes)."""
+        """Return the pose after the rigid motion that brings its centres closest to ``centres`` (Procrustes).
+
+        centres : (n, 3) metres
+        """
         rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
         return self.transform(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class RimNodes:
-    """Poses of a rim's nodes relative to their hubs.
+    """Poses of a rim's b nodes relative to their hubs.
 
-    hub : (b,) int; centres : (b, 3) metres and rotations : (b, 3, 3), in the frames of the hubs
+    hub : (b,) index of every node's hub
+    centres : (b, 3) metres, in the frames of the hubs
+    rotations : (b, 3, 3) relative to the hubs
     """
 
     hub: Int[np.ndarray, " nodes"]
@@ -107,7 +114,7 @@ class RimNodes:
         Parameters
         ----------
         pose : of the hubs
-        hub : hub of every node
+        hub : (b,) index of every node's hub
         there : poses of the nodes in space
         """
         back = np.swapaxes(pose.rotations[hub], 1, 2)
@@ -130,15 +137,6 @@ class RimNodes:
         number[hubs] = np.arange(len(hubs))
         kept = number[self.hub] >= 0
         return RimNodes(number[self.hub[kept]], self.centres[kept], self.rotations[kept])
-
-
-def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """Return the rotations R (..., 3, 3) for which R p fits points q best (Kabsch), from covariance = sum of p q^T."""
-    u, _, vt = np.linalg.svd(covariance)
-    flip = np.linalg.det(u) * np.linalg.det(vt)
-    u = u.copy()
-    u[..., :, 2] *= flip[..., None]
-    return np.swapaxes(u @ vt, -1, -2)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Float, Int
-from .assembly import nearest_rotation
+from .vectors import nearest_rotation
 
 
 def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_array:

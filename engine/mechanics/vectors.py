@@ -113,3 +113,12 @@ def right_jacobian(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
     once = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
     twice = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
     return np.eye(3) - once * across + twice * (across @ across)
+
+
+def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
+    """Return the rotations R (..., 3, 3) for which R p fits points q best (Kabsch), from covariance = sum of p q^T."""
+    u, _, vt = np.linalg.svd(covariance)
+    flip = np.linalg.det(u) * np.linalg.det(vt)
+    u = u.copy()
+    u[..., :, 2] *= flip[..., None]
+    return np.swapaxes(u @ vt, -1, -2)

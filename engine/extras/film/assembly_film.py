@@ -19,8 +19,8 @@ from ...display.panel_mesh import Detail, PanelMesh, make_panel_mesh
 from ...fabrication.connectors.tips import Tip
 from ...materials import Material
 from ...mechanics.arms.bent import TIP_TOLERANCE, Bender
-from ...mechanics.assembly import Pose, nearest_rotation, rest_joints
-from ...mechanics.vectors import matvec, rotation_vector
+from ...mechanics.assembly import Pose, rest_joints
+from ...mechanics.vectors import matvec, nearest_rotation, rotation_vector
 from ...params import SimulateParams
 from ...patches.joining import assembly_steps
 from ...progress import SILENT, Progress

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...materials import Material
-from ...mechanics.assembly import Pose, nearest_rotation
+from ...mechanics.assembly import Pose
+from ...mechanics.vectors import nearest_rotation
 from ...params import SimulateParams
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign

@@ -20,10 +20,11 @@ import numpy as np
 from ...arrays import Bool, Int
 from ...fabrication.panels.labels import panel_name, seam_name
 from ...materials import Material
-from ...mechanics.assembly import Pose, assembly_from_design, nearest_rotation
+from ...mechanics.assembly import Pose, assembly_from_design
 from ...mechanics.elastic import ElasticModel
 from ...mechanics.equilibrium import solve
 from ...mechanics.loads import Loads
+from ...mechanics.vectors import nearest_rotation
 from ...params import SimulateParams
 from ...patches.joining import AssemblyStep, assembly_steps
 from ...patches.layout import PatchLayout

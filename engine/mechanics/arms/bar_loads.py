@@ -23,7 +23,8 @@ import numpy as np
 
 from ...arrays import Float
 from .bars import BarGradient, Bars
-from .tip_beams import SplitVector, sum_beyond
+from .split_vector import SplitVector
+from .tip_beams import sum_beyond
 
 # Columns of an array of arm loads, in the arm's own axes. WRENCH: force and moment at the tip, N and N m. FIRST_ORDER:
 # the first-order wrench that bends the arm, N and N m. TURN: rotation vector of the joint's other hub relative to the

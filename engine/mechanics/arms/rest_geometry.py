@@ -124,20 +124,21 @@ class RestChanges:
 
     @cached_property
     def _softened(self) -> Float[np.ndarray, "joints 2 2 3 3 6"]:
-        """Derivatives by the rest geometry of the motions of both arms' tips under three constant wrenches.
+        """Derivatives by the rest geometry of compliance @ wrench, the motion of an arm's tip, for three wrenches.
 
-        Axes: joint, arm, side, parameter, wrench, motion. The wrenches are ``inner`` and ``linear`` of
-        ``JointDerivatives``, and ``_tip_wrenches``.
+        The wrenches are constant: ``inner`` and ``linear`` of ``JointDerivatives``, and ``_tip_wrenches``. Axes: joint;
+        arm; side and parameter of the rest geometry; wrench; component of the motion in the joint's axes.
         """
         known, by = self._assembly, self._by_shapes
         axes, sense = known.arm_axes, -1.0 if known.clockwise else 1.0
         wrenches = np.stack([self.changes.inner, self.changes.linear, self._tip_wrenches], axis=1)[:, None]
-        # axes: joint, arm, shape, wrench, motion
+        # derivatives of the tips' motions by ``rest_shapes``; axes: joint, arm, column of ``rest_shapes``, wrench,
+        # component
         yields = (wrenches @ axes)[:, :, None] @ by @ np.swapaxes(axes, 2, 3)[:, :, None]
         turned = _about_normal(wrenches @ self._compliances) - _about_normal(wrenches) @ self._compliances
         turned += sense * yields[:, :, SHAPE_LEAN]
         mates = sense * yields[:, :, SHAPE_MATE_LEAN]
-        if known.nodes:  # the mate of an arm at a rim is its mirror image
+        if known.nodes:  # an arm at a rim is blended with its own mirror image, whose lean has the opposite sign
             turned[known.tie_joints, 0] -= mates[known.tie_joints, 0]
             mates[known.tie_joints] = 0.0
         by_radius, by_angle, by_direction = (x[..., None, None] for x in self._shapes)
@@ -153,11 +154,12 @@ class RestChanges:
 
     @cached_property
     def _strains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives by the rest geometry: (m, 2, 3, 6) of the joints' motions, (m, 2, 3, 3) of their gaps.
+        """Derivatives by the rest geometry (axes 1 and 2: side, parameter), in half-way axes.
 
-        A gap is the vector between the bend points of a joint. All are in half-way axes.
-
-        The derivatives of the gap leave out the turns of the hubs.
+        Returns
+        -------
+        (m, 2, 3, 6) : of the joints' motions, measured at the joint
+        (m, 2, 3, 3) : of the vectors from the first bend point to the second, at constant rotations of the hubs
         """
         lever, bend = self._levers
         turn, beyond = self.changes.turn[:, None, None], lever - bend
@@ -170,12 +172,15 @@ class RestChanges:
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives by the rest geometry of the strains' second-order term; without joints if there is none."""
+        """Derivatives by the rest geometry of the strains' second-order term D; of no joints if the model has no D."""
         return CurvingChanges.by_rest_geometry(self.model, self.state)
 
     @cached_property
     def _wrenches(self) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (m, 2, 3, 6) by the rest geometry of ``wrench`` and ``linear`` of ``JointDerivatives``."""
+        """Derivatives by the rest geometry of ``wrench`` and of ``linear`` of ``JointDerivatives``.
+
+        Axes of both arrays: joint, side, parameter, component of the wrench.
+        """
         known, strains = self.changes, self._strains[0]
         softened = self._softened.sum(axis=1)
         wrench = strains @ known.tangent[:, None] - softened[..., 0, :] @ np.swapaxes(known.across, 1, 2)[:, None]
@@ -185,7 +190,10 @@ class RestChanges:
 
     @property
     def gradient(self) -> Float[np.ndarray, "joints 6 12"]:
-        """Derivatives by the rest geometry of the joints' contributions to the energy's gradient by the pose."""
+        """Derivatives by the rest geometry (axis 1) of every joint's contribution to the energy's gradient by the pose.
+
+        The last axis counts the increments of both hubs.
+        """
         known, motion = self.changes, self.state.motion
         (lever, bend), gap = self._levers, self._strains[1]
         force, by_turn = known.wrench[:, None, None, :3], known.by_pose[:, 3:, 9:]
@@ -205,20 +213,20 @@ class RestChanges:
         for side in (0, 1):
             part, normal = _rotation(side), self._normals[:, side]
             out[:, side, 2] += matvec(curvature[:, :, part], normal)
-            # rotations do not commute
+            # the second derivative by two rotations of one hub has this part, because rotations do not commute
             out[:, side, 2, part] += 0.5 * np.cross(normal, gradient[:, part])
         return out.reshape(len(out), 6, 12)
 
     @cached_property
     def loads(self) -> Float[np.ndarray, "joints 6 2 15"]:
-        """Derivatives by the rest geometry of the loads of both arms, in the columns of ``bar_loads``."""
+        """Derivatives by the rest geometry (axis 1) of the loads on both arms, in the columns of ``bar_loads``."""
         known, wrenches, turn = self.changes, self._wrenches, self._strains[0][..., 3:]
         out = np.empty((len(turn), 2, 3, 2, LOADS))
         for side in (0, 1):
             for k in range(3):
                 now = (*(part[:, side, k] for part in wrenches), turn[:, side, k])
                 out[:, side, k] = arm_loads(self._assembly, *now)
-        # the own axes of an arm turn with its lever
+        # an arm's own axes, in which its loads are, rotate with its lever
         turned = arm_loads(self._assembly, *(_about_normal(v) for v in (known.wrench, known.linear, known.turn)))
         for side in (0, 1):
             out[:, side, :, side] -= self._shapes[1][:, side, :, None] * turned[:, side, None]
@@ -226,13 +234,16 @@ class RestChanges:
 
     @property
     def tips(self) -> Float[np.ndarray, "joints 6 12"]:
-        """Derivatives by the rest geometry of the tips' motions (see ``tip_motion``): six components for either tip."""
+        """Derivatives by the rest geometry (axis 1) of the tips' motions of ``tip_motion``.
+
+        The last axis counts the six components of the first arm's tip, then those of the second arm's.
+        """
         known, axes, frames, gap = self.changes, self._assembly.axes, self._frames, self._gap
         change = np.concatenate(
             [_GAP * (self._levers[0] @ np.swapaxes(frames, 2, 3)), self._strains[0][..., 3:]], axis=3
         )
         normal, quarter = frames[..., 2], _quarter(known.turn)[:, None]
-        # rotation of the half-way frame when an edge rotates about the normal
+        # rotation vector of the half-way frame per rotation of the edge on either side about its normal
         middle = 0.5 * (normal + SENSES[:, None] * np.cross(quarter, normal))
         change[:, :, 2, :3] = -np.cross(middle, gap[:, None])
         wrench, softened = self._tip_wrenches[:, None, None], self._softened[..., 2, :]
@@ -248,17 +259,17 @@ class RestChanges:
 
 
 def _quarter(turn: Float[np.ndarray, "joints 3"]) -> Float[np.ndarray, "joints 3"]:
-    """Return vectors along the turns, whose lengths are the tangents of a quarter of their angles."""
+    """Return vectors (m, 3) along the rotation vectors ``turn``, of the length tan(angle / 4)."""
     return tan_quarter(np.linalg.norm(turn, axis=1))[:, None] * turn
 
 
 def _rotation(side: int) -> slice:
-    """Return the slice of a joint's 12 increments that is the turn of the hub on this side."""
+    """Return the slice of a joint's 12 increments that is the rotation of its hub on ``side`` (0 or 1)."""
     return slice(3 + 6 * side, 6 + 6 * side)
 
 
 def _about_normal(v: np.ndarray) -> np.ndarray:
-    """Return the cross product of the third axis with vectors (..., 3), or with both halves of pairs (..., 6)."""
+    """Return the cross products (0, 0, 1) x v of vectors v (..., 3), or of both halves of pairs of vectors (..., 6)."""
     out = np.zeros_like(v)
     out[..., ::3], out[..., 1::3] = -v[..., 1::3], v[..., ::3]
     return out

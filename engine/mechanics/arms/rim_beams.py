@@ -1,4 +1,4 @@
-"""Compliances of a rim's necks and strips, which replace the stiffness table's compliances there."""
+"""Compliances of the necks and strips of a rim, to which the stiffness table does not apply."""
 
 from __future__ import annotations
 
@@ -19,16 +19,18 @@ def set_rim_compliances(
     added: Float[np.ndarray, "n 6 6"],
     by: Float[np.ndarray, "n numbers 6 6"] | None,
 ) -> None:
-    """Overwrite the compliances of necks and strips in the arrays of all arms, in place.
+    """Overwrite the compliances of a rim's necks and strips in the arrays of all arms, in place.
 
-    An arm at the rim is blended with its mirror image, so the derivatives by its mate's width and twist are added to
-    the derivatives by its own.
+    An arm that ends at the rim is blended with its own mirror image, of equal width and opposite twist. So the
+    derivatives by its mate's width are added to those by its own width, and those by its mate's twist are subtracted
+    from those by its own twist.
 
     Parameters
     ----------
-    assembly, material : joints with the rim's joints at the end, and the sheet
-    table, added : (n, 6, 6) compliances in the stiffness table, and corrections of the cut, of all arms
-    by : (n, 5, 6, 6) derivatives of their sums by the design parameters of ``cut``; None if not needed
+    assembly : m joints, those of the rim last; necks and strips are arms of these
+    material : of the sheet
+    table, added : (2 m, 6, 6) compliances of the arms in the stiffness table, and those that the cut shape adds
+    by : (2 m, 5, 6, 6) derivatives of table + added by the design parameters of ``cut``; None if not needed
     """
     rim, ties = assembly.rim, assembly.tie_joints
     assert rim is not None
@@ -42,7 +44,7 @@ def set_rim_compliances(
     if by is not None:
         back = _own_axes(assembly, neck)
         by[neck], by[strips] = 0.0, 0.0
-        # a neck is as wide as the arm beyond its joint
+        # a neck is as wide as the arm that it joins to the rim, so its compliance depends on its mate's width
         by[neck, MATE_WIDTH] = back @ slope @ np.swapaxes(back, 1, 2)
         by[arm, WIDTH] += by[arm, MATE_WIDTH]
         by[arm, TWIST] -= by[arm, MATE_TWIST]
@@ -52,9 +54,14 @@ def set_rim_compliances(
 def _necks(
     assembly: Assembly, line: RimBeams, width: np.ndarray, material: Material, slopes: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the compliances (B, 6, 6) of necks of these widths (B,), in the flat frame, and derivatives by the widths.
+    """Return the compliances (B, 6, 6) of necks, in the flat frame, and their derivatives (B, 6, 6) by the widths.
 
-    Without ``slopes`` the derivatives are 0."""
+    Parameters
+    ----------
+    line : the necks, with any widths
+    width : (B,) the widths to use, metres
+    slopes : compute the derivatives, by differences; otherwise they are 0
+    """
 
     def at(share: float) -> np.ndarray:
         wide = np.broadcast_to((share * width)[:, None], line.length.shape)
@@ -67,10 +74,11 @@ def _necks(
 
 
 def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.ndarray, "n 6 6"]:
-    """Return the compliances (N, 6, 6) of the necks or half strips ``line``, SI, in the flat frame.
+    """Return the compliances (N, 6, 6) of the necks or half strips ``line``, SI units, in the flat frame.
 
-    Beside a hole two bars remain, which bend together in the plane. A hole also softens the strip before and behind it,
-    where the material carries no stress (see ``_hole_factors``).
+    At a hole through a strip, only the two bars beside the hole remain; in the plane of the sheet they bend as one
+    section. A hole also softens the strip before and behind it, where the material carries no stress (see
+    ``_hole_factors``).
     """
     known, height = material.orthotropy, assembly.thickness
     grain = None if known is None else Grain(known, assembly.grain, material.youngs)
@@ -81,7 +89,7 @@ def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.n
         left = line.width - line.bore
         more = piece_flexibilities(*given, left, height, material.poisson, grain)
         more[:, :, 2, :] *= (left**3 / (line.width**3 - line.bore**3))[..., None]
-        # the width of the strip minus the width beside the hole is the hole's diameter
+        # ``line.width`` is the whole width of the strip, ``rim.width`` its width beside a hole
         softer = _hole_factors(1.0 - assembly.rim.width / line.width, height / line.width)
         normal = np.broadcast_to([0.0, 0.0, 1.0], line.tangent.shape)
         frame = np.stack([line.tangent, np.cross(normal, line.tangent), normal], axis=-1)
@@ -89,26 +97,27 @@ def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.n
             own = (frame * factor[..., None, :]) @ np.swapaxes(frame, -1, -2)
             found[:, :, rows] += own @ (more - found)[:, :, rows]
     compliance = rim_tip_compliance(found[:, :, :3], found[:, :, 3:], line.lever) / material.youngs
-    # with a grain, the factors break the symmetry of the coupled entries
+    # the factors make the compliance of sheets with a grain slightly asymmetric
     return 0.5 * (compliance + np.swapaxes(compliance, 1, 2))
 
 
 def _hole_factors(
     hole: Float[np.ndarray, "*lines"], height: Float[np.ndarray, "*lines"]
 ) -> tuple[Float[np.ndarray, "*lines 3"], Float[np.ndarray, "*lines 3"]]:
-    """Return the softening of a strip by a hole over the softening from its missing material alone.
+    """Return by how much a hole softens a strip, over the softening by the narrower sections at the hole alone.
 
-    Fits to finite elements of strips with one hole, within 4 % for stretch, shear and bending in the sheet, 12 % for
-    bending out of it. Small holes soften a stretched plate by three times their share of its area (Kachanov, Tsukrov
-    and Shafiro 1994).
+    The factors are fitted to finite elements of strips with one hole. They are within 4 % for stretch, shear and
+    bending in the sheet, within 12 % for bending out of it. Small holes soften a stretched plate by three times their
+    share of its area (Kachanov, Tsukrov and Shafiro 1994).
 
     Parameters
     ----------
-    hole, height : diameter of the hole and thickness of the sheet, over the strip's width
+    hole, height : diameter of the hole and thickness of the sheet, both over the strip's width
 
     Returns
     -------
-    Factors for turns about, and for shifts along, three axes: along the strip, across it, normal to it
+    (..., 3) and (..., 3) : factors for turns about three axes and for shifts along them: along the strip, across it in
+        the sheet, normal to the sheet
     """
     one = np.ones(np.shape(hole))
     lift = 2.5 - 1.8 * hole + 0.26 * np.log(np.maximum(height, 1e-3) / 0.4)
@@ -117,9 +126,9 @@ def _hole_factors(
 
 
 def _own_axes(assembly: Assembly, arms: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
-    """Return matrices (n, 6, 6) that rotate shifts and turns from the flat frame to the own axes of ``arms``.
+    """Return matrices (n, 6, 6) that rotate pairs of vectors from the flat frame to the arms' own axes.
 
-    arms : (n,) indices, 2 * joint + side
+    arms : (n,) indices of the arms, 2 * joint + side
     """
     e, side = np.divmod(arms, 2)
     flat = np.zeros((len(arms), 6, 6))

@@ -1,14 +1,15 @@
 """Derivatives of the arm model's forces by the widths and twists of the spirals, at a fixed pose.
 
-Let y be the motion of a joint, C_a and C_b the compliances of its arms, K = (C_a + C_b)^-1 and n = K y the wrench. The
-derivative of the energy y.K.y / 2 by a parameter of one arm is -n.C' n / 2, with C' the derivative of C_a + C_b: both
-depend on it, because the arms are blended with each other. The bend points move with the twist, which adds
-n_force.Y', where
+Let y be the motion of a joint (its shift and the rotation vector turn), C_a and C_b the compliances of its arms,
+K = (C_a + C_b)^-1 its stiffness and n = K y the wrench. The derivative of the energy y.K.y / 2 by a parameter of one
+arm is -n.C' n / 2, where C' is the derivative of C_a + C_b: both compliances depend on the parameter, because the arms
+are blended with each other. A twist also moves the bend points, between which the shift is measured. This adds the
+force of n times Y', the derivative of the shift:
 
-    Y' = A(-turn) beta' for the first arm, -A(turn) beta' for the second,  A(turn) = e^(turn/2) - 1 - turn x / 2,
+    Y' = A(-turn) beta' for the first arm, -A(turn) beta' for the second,  A(turn) = exp(turn/2) - 1 - turn x / 2,
 
-and beta is the vector from an arm's bend point to the joint in the joint's axes. Differentiating by the pose gives the
-derivatives of the forces.
+where beta is the vector from the arm's bend point to the joint in the joint's axes and beta' its derivative by the
+twist. The derivatives of the forces follow by differentiating once more, by the pose.
 
 With the second-order term D (see ``curving``), y + y.D.y replaces y, and the wrench is S^T K (y + y.D.y) with
 S = 1 + 2 y.D. D is constant here; ``curving_changes`` adds the effect of its changes.
@@ -29,27 +30,32 @@ from .joint_motion import JointMotion, SpatialMotion, first_order
 
 SENSES = np.array([1.0, -1.0])  # signs of the loads on the two arms of a joint, which are opposite
 
-# number of design parameters of a joint on either side: width of the arm at the joint, twist of its spiral, mean width
-# of the two arms beside it; their indices are ``WIDTH``, ``TWIST`` and ``BESIDE`` of ``cut``
+# Number of design parameters on either side of a joint. They are the width of the arm at the joint, the twist of its
+# spiral and the mean width of the two arms beside it, with the indices ``WIDTH``, ``TWIST`` and ``BESIDE`` of ``cut``
 PARAMETERS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class JointDerivatives:
-    """Derivatives of m joints by the pose and the design, in the axes of their half-way frames.
+    """Derivatives of m joints by the pose and the design; all vectors are in half-way axes (see ``JointMotion``).
 
-    sides : (m, 2) int, which arms of the two spirals meet
-    wrench : (m, 6) N, N m, at the joint
-    by_pose : (m, 6, 12) derivatives of the joint's motion y by the increments of both hubs
-    wrench_by_design : (m, 2, 3, 6) derivatives of the wrench by the ``PARAMETERS`` of either side, at a fixed pose
-    wrench_by_pose : (m, 6, 12) derivatives of the wrench by the increments of both hubs
-    at_joint : (m, 6, 6) stiffness, as in ``ArmModel``
-    linear, linear_by_design : first-order wrench K y, and its derivatives by the ``PARAMETERS``; without the
-        second-order term, equal to ``wrench`` and ``wrench_by_design``
-    turn : (m, 3) radians, of the second hub relative to the first
-    turned : (m, 2, 3) part of the mixed second derivative of the energy by twist and turn that comes from the moving
-        bend points, by side
-    inner : (m, 6) K (y + y.D.y); across : (m, 6, 6) S^T K; tangent : (m, 6, 6) derivative of the wrench by y
+    The letters y, K, D and S are those of this module's docstring; motions are measured at the joint (see
+    ``ArmModel``). Increments are those of both hubs (6 each), parameters the ``PARAMETERS`` of either side.
+
+    sides : (m, 2) indices of the arms that meet, in their spirals
+    wrench : (m, 6) S^T K (y + y.D.y), force and moment at the joint, N and N m
+    by_pose : (m, 6, 12) derivatives of y by the increments
+    wrench_by_design : (m, 2, 3, 6) derivatives of the wrench by the parameters, at a fixed pose; axis 1: side
+    wrench_by_pose : (m, 6, 12) derivatives of the wrench by the increments
+    at_joint : (m, 6, 6) K
+    linear : (m, 6) first-order wrench K y; equal to ``wrench`` without D
+    linear_by_design : (m, 2, 3, 6) derivatives of ``linear`` by the parameters
+    turn : (m, 3) rotation vector of the second hub relative to the first, radians
+    turned : (m, 2, 3) mixed second derivatives of the energy by the twist on either side and by ``turn``, as far as
+        they come from the motion of the bend points
+    inner : (m, 6) K (y + y.D.y)
+    across : (m, 6, 6) S^T K
+    tangent : (m, 6, 6) derivative of the wrench by y
     """
 
     sides: Int[np.ndarray, "joints 2"]
@@ -76,13 +82,13 @@ class JointDerivatives:
         motion: JointMotion,
         curving: np.ndarray | None = None,
     ) -> JointDerivatives:
-        """Differentiate the wrenches of joints in one state.
+        """Differentiate the motions and wrenches of joints in one pose.
 
         Parameters
         ----------
         assembly, at_joint, offset : as in ``ArmModel``
         by : derivatives of the compliances, as in ``ArmCompliances``
-        motion : of the joints, in this state
+        motion : of the joints, in this pose
         curving : (m, 6, 6, 6) second-order term D; None leaves it out
         """
         turn, base = motion.turn, motion.middle
@@ -114,7 +120,7 @@ class JointDerivatives:
         return cls(*known, at_joint, linear, first, turn, turned, inner, across, tangent)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """Return the product (m, 2, 5) of ``gradient_by_design`` with increments ``way`` (m, 12) of both hubs."""
+        """Return the products (m, 2, 5) of ``gradient_by_design`` with the increments ``way`` (m, 12) of both hubs."""
         along = matvec(self.by_pose, way)
         out = matvec(self.wrench_by_design, along[:, None])
         out[:, :, TWIST] += matvec(self.turned, along[:, 3:])
@@ -122,9 +128,9 @@ class JointDerivatives:
 
     @property
     def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 5"]:
-        """(m, 12, 2, 5) derivatives of every joint's contribution to the gradient by widths and twists of both spirals.
+        """Derivatives of every joint's contribution to the energy's gradient by widths and twists of both spirals.
 
-        Axes: rows as in ``Expansion.hessian``; side of the joint; four widths, then the twist.
+        Axes: joint; increments of both hubs (6 each); side of the joint; the spiral's four widths, then its twist.
         """
         m = len(self.wrench)
         out = (self.wrench_by_design.reshape(m, -1, 6) @ self.by_pose).reshape(m, 2, PARAMETERS, 12)
@@ -135,14 +141,14 @@ class JointDerivatives:
 def motion_by_parameters(
     assembly: Assembly, by: Float[np.ndarray, "joints 2 numbers 6 6"], wrench: Float[np.ndarray, "joints 6"]
 ) -> Float[np.ndarray, "joints 2 parameters 6"]:
-    """Return the derivatives (m, 2, 3, 6) of the joints' motions under constant wrenches by the ``PARAMETERS``.
+    """Return the derivatives, by the ``PARAMETERS``, of the joints' motions under constant wrenches.
 
-    They are the derivatives of the compliances times the wrench.
+    They are the derivatives of the compliances times the wrench. Axes: joint; side; parameter; component of the motion.
 
     Parameters
     ----------
     assembly, by : as in ``JointDerivatives.from_assembly``
-    wrench : (m, 6)
+    wrench : (m, 6) force and moment at the joint, in the joint's axes
     """
     axes = assembly.arm_axes
     own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
@@ -161,18 +167,19 @@ def convex_by_design(
     way: Float[np.ndarray, "joints 12"],
     curving: np.ndarray | None = None,
 ) -> Float[np.ndarray, "joints 2 5"]:
-    """Differentiate every joint's convex energy r.K.r by the widths and twists of both spirals, at a fixed pose.
+    """Differentiate every joint's convex energy by the widths and twists of both spirals, at a fixed pose.
 
-    r is the rate of the joint's strains in a motion of both hubs.
+    The convex energy is r.K.r, where r is the derivative of the joint's strains along the direction ``way``.
 
     Parameters
     ----------
     assembly, by, at_joint, offset, motion, curving : as in ``JointDerivatives.from_assembly``
-    way : (m, 12) the motion: increments of both hubs
+    way : (m, 12) direction: increments of both hubs (6 each)
 
     Returns
     -------
-    (m, 2, 5) : side of the joint; four widths (per metre) and the twist (per radian)
+    (m, 2, 5) : derivatives; axis 1: side of the joint; axis 2: the spiral's four widths (per metre), then its twist
+        (per radian)
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
@@ -197,10 +204,12 @@ def convex_by_design(
 def spread_over_design(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
     """Convert derivatives by the joints' parameters to derivatives (m, 2, 5, ...) by widths and twists of both spirals.
 
+    Axis 2 of the result counts the four widths of the spiral on this side, then its twist.
+
     Parameters
     ----------
-    changes : (m, 2, 3, ...) derivatives by ``PARAMETERS``
-    sides : (m, 2) int, arms of both spirals at every joint
+    changes : (m, 2, 3, ...) derivatives by the ``PARAMETERS`` of either side
+    sides : (m, 2) indices of the arms that meet, in their spirals
     """
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
     every = np.arange(len(sides))[:, None], [0, 1]
@@ -214,13 +223,12 @@ def spread_over_design(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) 
 def arm_loads(
     assembly: Assembly, wrench: Float[np.ndarray, "joints 6"], linear: Float[np.ndarray, "joints 6"], turn: np.ndarray
 ) -> Float[np.ndarray, "joints 2 15"]:
-    """Return the loads of both arms of m joints in the arms' own axes, in the columns of ``bar_loads``.
+    """Return the loads on both arms of m joints in the arms' own axes, in the columns of ``bar_loads``.
 
     Parameters
     ----------
     assembly : with m joints
-    wrench, linear : (m, 6) N and N m, as in ``JointDerivatives``
-    turn : (m, 3) radians, of the second hub relative to the first
+    wrench, linear, turn : of the joints, as in ``JointDerivatives``
     """
     vectors = np.stack([wrench, linear, np.concatenate([np.zeros_like(turn), turn], axis=1)], axis=1)
     own = (vectors[:, None] @ assembly.arm_axes).reshape(len(turn), 2, -1)
@@ -228,7 +236,10 @@ def arm_loads(
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:
-    """Return the derivatives (m, 3) by the twist of the vectors from bend points to joints, in the joints' axes."""
+    """Return the derivatives (m, 3), by the twist, of the vectors from the arms' bend points to the joints.
+
+    side : of the joints, on which the arms are (0 or 1); the vectors are in the joints' axes
+    """
     change = assembly.bend_points[1][:, side]
     way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.lever_normals[:, side]
     return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
@@ -239,7 +250,7 @@ def _bend_shift(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return A(turn) way, and the derivatives of force . A(turn) way by the turn, both (m, 3).
 
-    A is defined at the top of this module; angle : length of ``turn``
+    The matrix A is defined in this module's docstring; angle : (m,) length of ``turn``
     """
     small = angle < 1e-2
     safe = np.where(small, 1.0, angle)

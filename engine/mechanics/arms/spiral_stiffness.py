@@ -13,22 +13,22 @@ from ...spirals.design import SpiralDesign
 from ..assembly import Assembly, assembly_from_design
 from .compliances import arm_compliances
 
-MM = 1e3  # newton millimetres per newton metre
+MM = 1e3  # factor from N m to N mm
 
 
 def spiral_stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " quads"] | None:
-    """Return the mean bending stiffness of the joined arms of every spiral, from the elastic model's tip compliances.
+    """Return the bending stiffness of every spiral: the mean over its arms that end in joints.
 
-    A spiral without a joint gets the smallest value of all other spirals.
+    The stiffness of an arm is the moment at its tip, about the side of its quad, per rotation of the tip about this
+    side. A spiral without a joint gets the smallest value of all other spirals.
 
     Parameters
     ----------
-    design, material : the spirals, and the sheet
+    design, material : the spirals, and the material of their sheet
 
     Returns
     -------
-    (F,) moment about the quad's side per turn of the arm's tip about it, N mm per radian; None where the elastic model
-    cannot be evaluated
+    (F,) N mm per radian; None if the elastic model cannot be evaluated for this design
     """
     try:
         assembly = assembly_from_design(design)
@@ -42,15 +42,15 @@ def spiral_stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarr
 def update_stiffness(
     known: Float[np.ndarray, " quads"], design: SpiralDesign, material: Material, quads: Bool[np.ndarray, " quads"]
 ) -> Float[np.ndarray, " quads"]:
-    """Return ``spiral_stiffness``, updated after a change of some quads.
+    """Return ``spiral_stiffness`` of a changed design, computed only where it differs from the known values.
 
-    Their neighbours are updated too, because the arms of a joint are blended with each other.
+    It is computed for the changed quads and their neighbours, because the arms of a joint are blended with each other.
 
     Parameters
     ----------
-    known : (F,) the stiffness before; returned unchanged where the elastic model cannot be evaluated
-    design, material : the changed spirals, and the sheet
-    quads : (F,) mask of the changed quads
+    known : (F,) the stiffness before the change; returned unchanged if the elastic model cannot be evaluated
+    design, material : the design after the change, and the material of its sheet
+    quads : (F,) mask of the quads whose spirals have changed
     """
     try:
         whole = assembly_from_design(design)
@@ -67,9 +67,9 @@ def update_stiffness(
 
 
 def _sum_by_spiral(assembly: Assembly, material: Material) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sums (n,) of the stiffnesses at the joints of every spiral, and the numbers of its joints."""
+    """Return for every spiral the sum of the stiffnesses of its arms that end in joints, and the arms' number."""
     bend = arm_compliances(assembly, material, slopes=False).values
-    # moment about the axis across the arm's radius, which is parallel to the quad's side in square quads
+    # component 4 is about the axis across the arm's radius, which in square quads is parallel to the quad's side
     own = MM / bend[..., 4, 4]
     count = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     return np.bincount(assembly.pairs.ravel(), weights=own.ravel(), minlength=assembly.size), count

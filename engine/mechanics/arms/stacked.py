@@ -1,6 +1,6 @@
-"""Small vectors and matrices of many joints with the joints as the last axis, which is several times faster.
+"""Small vectors (3, m) and matrices (3, k, m) of m joints, with the joints as the last axis.
 
-Vectors are (3, m), matrices (3, k, m).
+Operations on them are several times faster than with the joints as the first axis.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from ...arrays import Float
 from ..vectors import fill_skew
 
 EYE = np.eye(3)[:, :, None]  # unit matrix, broadcast over the joints
-BATCH = 256  # arms or joints computed at a time; larger exceeds the processor's cache, smaller adds overhead
+# number of arms or joints that are computed at a time; larger exceeds the processor's cache, smaller adds overhead
+BATCH = 256
 
 
 def joints_last(values: np.ndarray) -> Float[np.ndarray, "... joints"]:
@@ -35,7 +36,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products a x b of vectors (3, m); if b is a matrix (3, k, m), of a with each of its columns."""
+    """Return the cross products a x b of vectors (3, m), or of a with each column of matrices b (3, k, m)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 

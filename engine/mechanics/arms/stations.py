@@ -1,4 +1,7 @@
-"""Values at stations of N arms with derivatives by P parameters: arrays (1 + P, stations, N), the value first."""
+"""Functions of values at S stations on each of N arms, which carry their derivatives by P parameters with them.
+
+Such an array is (1 + P, S, N): row 0 holds the values, row 1 + p their derivatives by parameter p.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,14 @@ from ...arrays import Float
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of two arrays of values with derivatives, by the product rule."""
+    """Return the products of the values of two arrays, with their derivatives."""
     out = a * b[:1]
     out[1:] += a[:1] * b[1:]
     return out
 
 
 def sum_products(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
-    """Return the product of two arrays of values with derivatives, summed over the stations."""
+    """Return the products of the values of two arrays summed over the stations, with their derivatives (1 + P, N)."""
     out = np.einsum("psn,sn->pn", a, b[0])
     out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
     return out
@@ -29,17 +32,17 @@ def spiral_stations(
     by_radius: int | None = None,
     by_twist: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions on pure spirals at t, relative to the tips, and their derivatives by t.
+    """Return positions on spirals without blends, relative to the tips, and the derivatives of the positions by t.
 
     Parameters
     ----------
-    radius, twist : metres and radians
-    t : (1 + P, stations, 1 or N) with derivatives by P parameters
-    by_radius, by_twist : rows of the derivatives by radius and twist, if these are among the parameters
+    radius, twist : of the spirals, metres and radians
+    t : (1 + P, S, 1 or N) of the stations, 0 at the tip and 1 at the hub's centre
+    by_radius, by_twist : the rows 1 + p of the parameters that are radius and twist, if these are parameters
 
     Returns
     -------
-    Two arrays (1 + P, stations, N), complex : metres, with derivatives by the P parameters
+    (1 + P, S, N) and (1 + P, S, N) : complex, metres
     """
     wind = twist * t
     if by_twist is not None:

@@ -1,19 +1,19 @@
 """Tip compliance of a spiral's arm: the fitted stiffness table and its exact derivatives.
 
-The table is fitted to linear finite elements of solids. It stores the compliance relative to that of a curved beam,
-interpolated by Chebyshev polynomials over ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio: s is the scale of
-the spiral, w the width of the arm, h the thickness of the sheet, and limit the largest twist that can be cut. It
-interpolates the entries of the Cholesky factor of the relative compliance, those on the diagonal as logarithms, so that
-every compliance is positive definite.
+The table is fitted to linear finite elements of solids. It stores a correction, the compliance relative to that of a
+curved beam (see ``beams``), as Chebyshev polynomials in ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio: s is
+the scale of the spiral, w the width of the arm, h the thickness of the sheet, and limit the largest twist that can be
+cut. The polynomials are fitted to the entries of the Cholesky factor of the relative compliance, those on the diagonal
+as logarithms, so that every compliance is positive definite.
 
-One table serves every thickness and Young's modulus, because energies are E h^3 times a function of s/h, w/h and the
+One table serves every thickness and Young's modulus E, because energies are E h^3 times a function of s/h, w/h and the
 twist.
 
-Outside the range of its nodes the table is extended continuously. A slender arm differs from the beam by its hub, about
-one width long, so beyond the largest s/w the corrections fade like w/s, as finite elements at s/w 50 to 400 confirm.
-The compliance of arms shorter than the range scales with powers of their length, like a beam's. Where w/h or the twist
-is outside the range, the correction of the nearest arm inside is applied to the beam of the true arm. ``beyond`` lists
-the arms that no finite elements cover.
+The table is extended continuously beyond its range. A slender arm differs from the beam only near its hub, over about
+one width, so beyond the largest s/w the corrections decrease like w/s, as finite elements at s/w 50 to 400 confirm.
+The compliance of arms with a smaller s/w than the range scales with powers of their length, like a beam's. Where w/h or
+the twist is outside the range, the correction for the nearest value inside is applied to the beam with the true value.
+``beyond`` lists the arms that no finite elements cover.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ import numpy as np
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...spirals.clearance.table_range import SCALE_RANGE, table_limit_and_slope, table_twist_limit
-from ...surface.checking.finding import with_count
+from ..dimensions import check_dimensions, check_material
 from ..out_of_range import OutOfRange
 from . import beams
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
-SLENDEREST = 400.0  # largest s/w at which finite elements confirm that the corrections fade
-SHORTEST = 2.0  # s/w at which an arm is nothing but hub; smaller ratios are replaced by this value
+SLENDEREST = 400.0  # largest s/w for which finite elements have confirmed that the corrections decrease like w/s
+SHORTEST = 2.0  # s/w at which an arm consists of its hub only; smaller ratios are replaced by this value
 WIDTH_RANGE = (0.3, 3.0)  # range of w/h of the table's nodes
 POISSON_RANGE = (0.0, 0.45)  # range of Poisson's ratio of the table's nodes
 IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)  # indices of (Fx, Fy, Mz) and of (Fz, Mx, My) in a wrench
-# lower triangle of a 3 x 3 block, in the order of the table
+# rows and columns of the lower triangle of a 3 x 3 block, in the order in which the table stores its entries
 ENTRIES: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 _DIAGONAL = (0, 2, 5)  # indices of the diagonal in ``ENTRIES``
 
@@ -49,11 +49,12 @@ _DIAGONAL = (0, 2, 5)  # indices of the diagonal in ``ENTRIES``
 class ArmCompliance:
     """Tip compliances of n arms relative to their hubs, and their derivatives by the arms' dimensions.
 
-    values : (n, 6, 6) motion (m, rad) of the tip relative to the hub per wrench (N, N m) at the tip; shifts and forces
-        first, turns and moments last; axes: along the radius from the hub to the tip, to its left in the sheet, normal
-        to the sheet
-    by_scale, by_width, by_twist : (n, 6, 6) derivatives, per metre, per metre, per radian
-    by_grain : (n, 6, 6) per radian of the grain's direction; None for sheets without a grain
+    values : (n, 6, 6) motion of the tip relative to the hub per wrench at the tip. Rows: shift (3, metres), turn (3,
+        radians); columns: force (3, N), moment (3, N m). Axes: along the radius from the hub to the tip, to its left in
+        the sheet, normal to the sheet
+    by_scale, by_width : (n, 6, 6) derivatives per metre of the spiral's scale and of the arm's width
+    by_twist : (n, 6, 6) derivatives per radian of twist
+    by_grain : (n, 6, 6) derivatives per radian of the grain's direction; None for sheets without a grain
     """
 
     values: Float[np.ndarray, "... 6 6"]
@@ -65,11 +66,11 @@ class ArmCompliance:
 
 @dataclass(frozen=True, eq=False)
 class StiffnessTable:
-    """The interpolation table.
+    """The stiffness table for one Poisson's ratio.
 
-    coefficients : (T, channels, N) Chebyshev coefficients: T pairs of degrees in w/h and twist; entries of the two
-        blocks; degrees in s/w
-    pairs : (T, 2) int, degrees in w/h and in twist
+    coefficients : (T, 12, N) Chebyshev coefficients. Axis 0: pair of degrees in w/h and in twist; axis 1: ``ENTRIES``
+        of the in-plane block, then of the out-of-plane block; axis 2: degree in s/w
+    pairs : (T, 2) the pairs of degrees in w/h and in twist
     provenance : how the table was made, and its errors
     """
 
@@ -80,7 +81,10 @@ class StiffnessTable:
 
 @lru_cache(maxsize=8)
 def load_table(poisson: float, path: Path = TABLE) -> StiffnessTable:
-    """Load the table for one Poisson's ratio; raises FlexMapsError if the file is missing or has another version."""
+    """Load the table for one Poisson's ratio.
+
+    Raises FlexMapsError if the ratio is outside ``POISSON_RANGE``, or the file is missing or has another version.
+    """
     if not POISSON_RANGE[0] < poisson < POISSON_RANGE[1]:
         raise FlexMapsError(f"Poisson's ratio is {poisson:g}; it must lie between 0 and 0.45")
     if not path.is_file():
@@ -89,7 +93,7 @@ def load_table(poisson: float, path: Path = TABLE) -> StiffnessTable:
         provenance = json.loads(str(stored["provenance"]))
         if provenance.get("format") != FORMAT:
             raise FlexMapsError(f"The stiffness table {path.name} has another version; build the database again")
-        # older files have channels of strains after the channels of compliances
+        # older files also have coefficients of strains, after the ``CHANNELS`` of compliances
         full, pairs = stored["coefficients"][:, :CHANNELS].astype(float), stored["pairs"]
     low, high = POISSON_RANGE
     x = 2.0 * (poisson - low) / (high - low) - 1.0
@@ -97,7 +101,7 @@ def load_table(poisson: float, path: Path = TABLE) -> StiffnessTable:
     return StiffnessTable(np.ascontiguousarray(full @ basis), pairs, provenance)
 
 
-FORMAT = 1  # version of the file that can be read
+FORMAT = 1  # version of the table's file that ``load_table`` can read
 CHANNELS = 12  # number of interpolated functions: six entries of each of the two blocks of a compliance
 
 
@@ -105,8 +109,11 @@ CHANNELS = 12  # number of interpolated functions: six entries of each of the tw
 class _TablePoint:
     """Positions of n arms in the table, with derivatives by ln(s/w), ln(w/h) and twist.
 
-    x, y, z : ln(s/w), ln(w/h) and twist / limit(s/w), scaled from the table's range to [-1, 1]
-    share : factor on the corrections to the beam: 1 up to the largest s/w in the table, beyond that inverse to s/w
+    x, y, z : (n,) ln(s/w), ln(w/h) and twist / limit(s/w), mapped from the table's range to [-1, 1]
+    x_by_scale, z_by_scale : (n,) derivatives by ln(s/w)
+    y_by_width, z_by_twist : (n,) derivatives by ln(w/h) and by the twist
+    share : (n,) factor on the corrections to the beam: 1 up to the largest s/w in the table, beyond that inversely
+        proportional to s/w
     """
 
     x: np.ndarray
@@ -120,11 +127,13 @@ class _TablePoint:
 
 
 def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _TablePoint:
-    """Return the nearest positions in the table; positions that are clipped to its range have zero derivatives.
+    """Return the positions of n arms in the table; coordinates outside its range are clipped, with zero derivatives.
 
     Parameters
     ----------
-    ratio, flatness, twist : (n,) s/w, w/h and radians
+    ratio : (n,) s/w
+    flatness : (n,) w/h
+    twist : (n,) radians
     """
     within = np.clip(ratio, *SCALE_RANGE)
     limit, slope = table_limit_and_slope(within)
@@ -147,7 +156,7 @@ def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Table
 def _to_unit_interval(value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
     """Map values from [low, high] to [-1, 1], clip them to this range, and return them with the slope of the map."""
     place = 2.0 * (value - low) / (high - low) - 1.0
-    # both ends count as inside, up to rounding
+    # values at the ends of the range are inside, whatever their rounding error
     inside = np.abs(place) <= 1.0 + 1e-9
     return np.clip(place, -1.0, 1.0), np.where(inside, 2.0 / (high - low), 0.0)
 
@@ -159,13 +168,13 @@ def beyond(
     thickness: float,
     spiral: Int[np.ndarray, " arms"],
 ) -> list[OutOfRange]:
-    """List the spirals with arms that no finite elements cover; the model extends the table to them.
+    """Return which quantities of which spirals are outside the range of the finite elements behind the table.
 
     Parameters
     ----------
-    scale, width, twist : (n,) of the arms, metres and radians
+    scale, width, twist : (n,) of the arms: their spiral's scale and their width in metres, twist in radians
     thickness : of the sheet, metres
-    spiral : (n,) int, the spiral of every arm
+    spiral : (n,) index of every arm's spiral
     """
     ratio = scale / width
     share = twist / table_twist_limit(np.clip(ratio, *SCALE_RANGE))
@@ -189,11 +198,10 @@ def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def interpolate(table: StiffnessTable, at: _TablePoint) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate the table: values (12, n) and derivatives (3, 12, n) by ln(s/w), ln(w/h) and twist.
+    """Evaluate the table's polynomials at the n positions ``at``.
 
-    Parameters
-    ----------
-    table, at : the table, and n positions in it
+    Returns values (12, n), in the order of axis 1 of ``StiffnessTable.coefficients``, and derivatives (3, 12, n) by
+    ln(s/w), ln(w/h) and twist.
     """
     c = table.coefficients
     pairs, count, degree = c.shape
@@ -213,9 +221,11 @@ def interpolate(table: StiffnessTable, at: _TablePoint) -> tuple[np.ndarray, np.
 
 
 def _cholesky(a: np.ndarray, da: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the Cholesky factors (6, ...) of symmetric 3 x 3 matrices (6, ...), and their derivatives (k, 6, ...).
+    """Return the Cholesky factors (6, ...) of symmetric 3 x 3 matrices, and the factors' derivatives (k, 6, ...).
 
-    Matrices are stored as the entries of their lower triangles, in the order of ``ENTRIES``; ``da`` : derivatives of a.
+    Matrices are stored as the entries of their lower triangles, in the order of ``ENTRIES``.
+
+    a : (6, ...) the matrices; da : (k, 6, ...) their derivatives by k parameters
     """
     l, dl = np.empty_like(a), np.empty_like(da)
     l[0] = np.sqrt(a[0])
@@ -233,7 +243,10 @@ def _cholesky(a: np.ndarray, da: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _lower_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Multiply lower-triangular 3 x 3 matrices, both (..., 6, 2, n) in the order of ``ENTRIES``."""
+    """Return the products a @ b of lower-triangular 3 x 3 matrices.
+
+    Both are (..., 6, 2, n): axis -3 counts the entries in the order of ``ENTRIES``.
+    """
     a0, a1, a2, a3, a4, a5 = np.moveaxis(a, -3, 0)
     b0, b1, b2, b3, b4, b5 = np.moveaxis(b, -3, 0)
     return np.stack(
@@ -242,7 +255,7 @@ def _lower_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the lower triangle of A B^T for lower-triangular A and B, both (..., 6, 2, n)."""
+    """Return the lower triangles of a @ b^T for lower-triangular 3 x 3 matrices, stored as in ``_lower_product``."""
     a0, a1, a2, a3, a4, a5 = np.moveaxis(a, -3, 0)
     b0, b1, b2, b3, b4, b5 = np.moveaxis(b, -3, 0)
     return np.stack(
@@ -250,8 +263,8 @@ def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
-# function of s/w, h/w and twist (n,) that returns the compliance of the beam to which the table is applied; with a
-# grain its ``slopes`` have a fourth row, the derivative by the grain's direction
+# A function of s/w, h/w and twist, each (n,), that returns the tip compliances of the beams that the table corrects. In
+# sheets with a grain, their ``slopes`` have a fourth row, the derivative by the grain's direction
 Beams = Callable[[np.ndarray, np.ndarray, np.ndarray], beams.Blocks]
 
 
@@ -263,13 +276,14 @@ def blocks(
     poisson: float,
     beam: Beams | None = None,
 ) -> beams.Blocks:
-    """Return the dimensionless compliances of arms: lengths in arm widths, Young's modulus 1.
+    """Return the dimensionless compliances of n arms: lengths in arm widths, Young's modulus 1.
 
     Parameters
     ----------
-    ratio, flatness, twist : (n,) s/w, w/h and radians
-    table, poisson : the table for this Poisson's ratio
-    beam : function for the beam to which the table is applied; default an isotropic beam
+    ratio, flatness : (n,) s/w and w/h
+    twist : (n,) radians
+    table, poisson : the table, and the Poisson's ratio for which it was loaded
+    beam : returns the tip compliances of the beams that the table corrects; default: isotropic beams
     """
     at = locate(ratio, flatness, twist)
     log, dlog = interpolate(table, at)
@@ -280,7 +294,7 @@ def blocks(
     for k in _DIAGONAL:
         factor[k] = np.exp(log[k])
         dfactor[:, k] *= factor[k]
-    # the beam's series ends at this twist; no spiral with a larger twist can be cut
+    # the Chebyshev series of the beam ends at ``LARGEST_TWIST``; no spiral with a larger twist can be cut
     wound = np.clip(twist, 0.0, beams.LARGEST_TWIST)
     if beam is None:
         base = beams.beam_tip_compliance(ratio, 1.0 / flatness, wound, poisson)
@@ -308,32 +322,35 @@ def table_tip_compliance(
 ) -> ArmCompliance:
     """Return the tip compliances of n arms with exact derivatives, also of arms outside the table (see ``beyond``).
 
-    Arms shorter than the table's shortest, s/w = 5, are hardly longer than wide. Down to s/w = 2 they get the
-    compliance of the shortest arm, scaled with powers of the length like a beam's.
+    Arms with s/w below 5, the smallest ratio in the table, are hardly longer than wide. They get the compliance at
+    s/w = 5, scaled with powers of the length like a beam's; below s/w = 2 it stays constant.
 
     Parameters
     ----------
-    scale : (n,) metres, diameter of the circumscribed circle: twice the distance from the centre to the tip
-    width, twist : (n,) metres and radians
-    thickness, youngs, poisson : metres, Pa and Poisson's ratio
-    beam : as in ``blocks``; returns compliances for a Young's modulus of 1
+    scale : (n,) twice the distance from the spiral's centre to the arm's tip, metres
+    width : (n,) metres
+    twist : (n,) radians
+    thickness, youngs, poisson : thickness (metres), Young's modulus (Pa) and Poisson's ratio of the sheet
+    beam : as in ``blocks``
 
     Raises
     ------
-    FlexMapsError : a value is not a number, or a length is not positive; ``faces`` are the indices of these arms
+    FlexMapsError : a value is not a number, or a length is not positive; its ``faces`` are the indices of these arms
     """
     check_material(thickness, youngs)
     scale, width, twist = check_dimensions(scale, width, twist)
     ratio, least = scale / width, SCALE_RANGE[0]
     table = load_table(float(poisson))
     found = blocks(np.maximum(ratio, least), width / thickness, twist, table, float(poisson), beam)
-    # unit of a force: E w^2, of a moment: E w^3; of a shift: w, of a turn: 1
+    # The dimensionless compliances are multiplied by w^power / E: a shift per force by 1 / (E w), a shift per moment or
+    # turn per force by 1 / (E w^2), a turn per moment by 1 / (E w^3)
     power = np.zeros((2, 6), dtype=int)
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         kind = [0 if r < 3 else 1 for r in rows]
         power[b] = [-1 - kind[i] - kind[j] for i, j in ENTRIES]
     power = power[..., None]
-    # a beam's compliance scales with length^(4 + power): length^3 for shift per force, length for turn per moment
+    # a beam's compliance is proportional to length^(4 + power): length^3 for shift per force, length for turn per
+    # moment
     short = np.minimum(np.maximum(ratio, SHORTEST) / least, 1.0)
     unit = width**power * short ** (4 + power) / youngs
     values = found.values * unit
@@ -344,50 +361,11 @@ def table_tip_compliance(
     return ArmCompliance(*(_full_matrices(part) for part in (values, by_scale, by_width, by_twist, *others)))
 
 
-def check_dimensions(
-    scale: np.ndarray, width: np.ndarray, twist: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Check scales, widths and twists and return them as arrays (n,).
-
-    Parameters
-    ----------
-    scale, width, twist : numbers or arrays of broadcasting shapes
-
-    Returns
-    -------
-    Scales, widths and twists, each (n,)
-
-    Raises
-    ------
-    FlexMapsError : a value is not a number, or a length is not positive; ``faces`` are the indices of these arms
-    """
-    scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
-    scale, width, twist = np.broadcast_arrays(scale, width, twist)
-    known = np.isfinite(twist) & np.isfinite(scale) & np.isfinite(width) & (scale > 0.0) & (width > 0.0)
-    if not known.all():
-        raise FlexMapsError(
-            f"{with_count(int((~known).sum()), 'arm has', 'arms have')} a length, a width or a twist that is not a number; make the spirals again",
-            faces=np.flatnonzero(~known),
-        )
-    return scale, width, twist
-
-
-def check_material(thickness: float, youngs: float) -> None:
-    """Raise FlexMapsError unless thickness and Young's modulus are positive numbers.
-
-    Parameters
-    ----------
-    thickness : of the sheet, metres
-    youngs : Young's modulus, Pa
-    """
-    if not (math.isfinite(thickness) and thickness > 0):
-        raise FlexMapsError(f"The sheet's thickness is {thickness:g} m; it must be a positive number")
-    if not (math.isfinite(youngs) and youngs > 0):
-        raise FlexMapsError(f"Young's modulus is {youngs:g} Pa; it must be a positive number")
-
-
 def _full_matrices(entries: np.ndarray) -> Float[np.ndarray, "arms 6 6"]:
-    """Build matrices (n, 6, 6) from the lower triangles (2, 6, n) of their in-plane and their out-of-plane block."""
+    """Build symmetric matrices (n, 6, 6) from the lower triangles ``entries`` of their two blocks.
+
+    entries : (2, 6, n) axis 0: in-plane block, out-of-plane block; axis 1: ``ENTRIES``
+    """
     out = np.zeros((6, 6, entries.shape[-1]))
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         for k, (i, j) in enumerate(ENTRIES):

@@ -1,7 +1,7 @@
 """Largest strains of the arms of an assembly, with derivatives by the hubs' poses, the design and the rest shapes.
 
-The strips and necks of a rim (glossary) count as straight bars; a strip is as wide as its material beside a hole for
-the cord or rivet. The design does not change strips, and changes only the width of a neck, which is that of its arm.
+The strips and necks of a rim are treated as straight bars. The width of a strip is the width of its material beside a
+hole for the cord or rivet. The design does not change strips; the width of a neck is that of the arm that it joins.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from .cut import TWIST, WIDTH, rest_shapes
 from .peak_strain import GRAIN_INDEX, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointDerivatives, arm_loads, spread_over_design
 
-_UNCUT = 0.3  # length of blends in t for arms cut as pure spirals; without effect, as equal arms need no blend
+# length of blends in t for arms that are cut as pure spirals; it has no effect, because their blends change nothing
+_UNCUT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class StrainSlopes:
     """Derivatives of the largest strains of K arms.
 
-    by_pose : (K, 12) by the increments of the two hubs of the arm's joint
-    by_design : (K, 2, 5) by the four widths and the twist of either spiral of the arm's joint
+    by_pose : (K, 12) by the increments of the two hubs of the arm's joint (6 each)
+    by_design : (K, 2, 5) by the two spirals of the arm's joint (axis 1): their four widths, then the twist (axis 2)
     arms : the strains, and their derivatives by the arms' own loads and parameters
     """
 
@@ -41,10 +42,13 @@ class StrainSlopes:
 
 @dataclass(frozen=True, eq=False)
 class Strains:
-    """Largest strains (m, 2) of both arms of m joints; see ``peak_strain``.
+    """Largest strains of both arms of m joints (see ``peak_strain``), and what their derivatives need.
 
-    assembly, changes : the joints, and derivatives of their wrenches; arms : parameters of the 2 m arms
-    loads : (2 m, LOADS) loads of the arms, in the columns of ``bar_loads``; values : the strains
+    assembly : with the m joints
+    changes : wrenches of the joints, with derivatives
+    arms : parameters of the 2 m arms
+    loads : (2 m, LOADS) loads on the arms, in the columns of ``bar_loads``
+    values : (m, 2) the strains
     """
 
     assembly: Assembly
@@ -59,7 +63,7 @@ class Strains:
 
         Parameters
         ----------
-        assembly, material : spirals and joints at rest, and the sheet
+        assembly, material : spirals and joints at rest, and the material of their sheet
         changes : wrenches of the joints, with derivatives
         """
         arms = strained_arms(assembly, material)
@@ -67,9 +71,9 @@ class Strains:
         return cls(assembly, changes, arms, loads, arms.values(loads).reshape(-1, 2))
 
     def slopes(self, arms: Int[np.ndarray, " k"]) -> StrainSlopes:
-        """Return the derivatives of the largest strains of some arms by the hubs' poses and the spirals' design.
+        """Return the derivatives of the largest strains of k arms by the hubs' poses and the spirals' design.
 
-        arms : (k,) indices; 2 * joint + (0 or 1) is an arm of that joint
+        arms : (k,) indices of the arms, 2 * joint + (0 or 1)
         """
         found, known, changes = self.arms.slopes(self.loads[arms], arms), self.assembly, self.changes
         e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
@@ -81,7 +85,8 @@ class Strains:
         by_design = (changes.wrench_by_design[e] @ by_wrench[:, None, :, None])[..., 0]
         by_design += (changes.linear_by_design[e] @ by_linear[:, None, :, None])[..., 0]
         mate, sign = (of[arms] for of in _mates(known))
-        # a neck (side 1) is as wide as its arm (side 0), so its width is the arm's; strips do not depend on the design
+        # a neck (side 1 of its joint) has the width of the arm that it joins (side 0); strips do not depend on the
+        # design
         own = np.where((e >= known.n_inner_joints) & (side == 1), 0, side)
         beyond = np.where(mate == arms, own, mate % 2)
         alive = e < known.tie_joints.stop
@@ -90,33 +95,34 @@ class Strains:
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
         out = spread_over_design(by_design, known.sides[e])
-        cut = known.pairs[e, side] < known.spirals  # beside necks and strips there are only strips, of constant width
-        out[rows, side, _inner_side(known, known.sides[e, side])] += cut * found.by_numbers[:, BESIDE]
+        # the arm beside an arm belongs to the same spiral; beside necks and strips are only strips, of constant width
+        of_spiral = known.pairs[e, side] < known.spirals
+        out[rows, side, _inner_side(known, known.sides[e, side])] += of_spiral * found.by_numbers[:, BESIDE]
         return StrainSlopes(by_pose, out, found)
 
 
 def strain_by_rest_shape(
     assembly: Assembly, arms: Int[np.ndarray, " k"], by: Float[np.ndarray, "k 10"]
 ) -> Float[np.ndarray, "k 2 3"]:
-    """Convert derivatives by the arms' parameters to derivatives by the rest geometry of both sides of their joint.
+    """Convert derivatives by the arms' parameters to derivatives by the rest geometry on both sides of their joint.
 
     Parameters
     ----------
     assembly : with m joints
-    arms : (k,) indices; 2 * joint + (0 or 1) is an arm of that joint
-    by : (k, NUMBERS) derivatives of any quantity by the parameters of the arms, in the columns of ``bars``
+    arms : (k,) indices of the arms, 2 * joint + (0 or 1)
+    by : (k, NUMBERS) derivatives of any quantity by the arms' parameters, as in ``StrainedArms.numbers``
 
     Returns
     -------
-    (k, 2, 3) : side of the joint; x and y of the lever (per metre) and the direction of the edge (per radian)
+    (k, 2, 3) : axis 1: side of the joint; axis 2: x and y of the lever from the hub to the joint (per metre), then the
+        direction of the edge (per radian)
     """
     e, side, rows, sense = arms // 2, arms % 2, np.arange(len(arms)), -1.0 if assembly.clockwise else 1.0
     out, at_rim = np.zeros((len(arms), 2, 3)), e >= assembly.n_inner_joints
     if at_rim.any():
-        # side 1 of a joint at the rim is the rim's neck or strip, whose shape does not depend on the flat patches
+        # side 1 of a joint at the rim is a neck or strip, whose shape does not depend on the flat patches
         by = np.where((at_rim & (side == 1))[:, None], 0.0, by)
-        # the mate of an arm at the rim is its mirror image, whose lean (angle from the edge's normal to the spoke) is
-        # minus that of the arm
+        # an arm at the rim is blended with its own mirror image, whose lean is minus that of the arm
         by[at_rim, OWN_LEAN] -= by[at_rim, MATE_LEAN]
         by[at_rim, MATE_LEAN] = 0.0
     for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN_INDEX), (1 - side, MATE_LEAN, None, None)):
@@ -158,18 +164,16 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
 def arm_strains(
     assembly: Assembly, loads: Float[np.ndarray, "joints 2 15"], material: Material
 ) -> Float[np.ndarray, "joints 2"]:
-    """Return the largest strains (m, 2) of both arms of every joint under loads in the columns of ``bar_loads``."""
+    """Return the largest strain (m, 2) in both arms of every joint, under loads in the columns of ``bar_loads``."""
     return strained_arms(assembly, material).values(loads.reshape(-1, LOADS)).reshape(-1, 2)
 
 
 def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
-    """Return the largest strain at the joints of every spiral.
+    """Return for every spiral the largest strain in the arms of its joints.
 
-    The larger strain at a joint counts for both of its spirals, because a kink in one arm begins in the other.
+    Both arms of a joint count for both of its spirals, because a kink in one of them begins in the other.
 
-    Parameters
-    ----------
-    assembly, strains : m joints, and the strains (m, 2) of their arms
+    strains : (m, 2) strains in both arms of the m joints
     """
     worst = np.zeros(assembly.spirals)
     np.maximum.at(worst, assembly.hub_pairs, strains.max(axis=1)[:, None])
@@ -177,10 +181,11 @@ def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints
 
 
 def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return the mates (2 m,) of both arms of every joint, and the signs (2 m,) of the mates' twists and leans.
+    """Return the indices (2 m,) of the arms' mates, and factors (2 m,) on the mates' twists and leans.
 
-    The mate is the arm beyond the joint. At a rim it is the mirror image of the arm itself, with the sign -1; for arms
-    that are cut as pure spirals it is the arm itself.
+    An arm is blended with its mate, the arm beyond the joint; its factor is 1. At a rim, it is blended with its own
+    mirror image: the index is its own, the factor -1. Arms that are cut as pure spirals are not blended: the index is
+    their own, the factor 1.
     """
     own = np.arange(2 * len(assembly.pairs))
     mate, sign = own ^ 1, np.ones(len(own))
@@ -193,5 +198,5 @@ def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray,
 
 
 def _inner_side(assembly: Assembly, sides: Int[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
-    """Return, for arms on these sides of their quads, the side of the arm in the same spiral at their inner edge."""
+    """Return the sides of the arms next to the inner edges (towards which arms curve) of the arms on ``sides``."""
     return (sides + (1 if assembly.clockwise else -1)) % 4

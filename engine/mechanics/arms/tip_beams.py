@@ -1,12 +1,13 @@
-"""Arms as curved beams (Castigliano) bent by motions of their tips, to first order, with exact derivatives.
+"""Arms as curved beams (Castigliano) that are bent by motions of their tips, to first order, with exact derivatives.
 
-A flat arm is plane, so its beam problem splits into two: a force in the plane and a moment about the normal bend it
-within its plane; a moment in the plane and a force along the normal bend it out of its plane. Vectors are therefore
-pairs of a complex number, the part in the plane, and a real number, the part along the normal.
+A flat arm is plane, so its beam problem splits into two. A force in the plane and a moment about the normal bend it in
+its plane; a moment about an axis in the plane and a force along the normal bend it out of its plane. Vectors are
+therefore pairs of a complex number, the part in the plane, and a real number, the part along the normal.
 
 The tip compliance of either problem is inverted in closed form about its elastic centre, where shifts and turns do not
-couple. The inverse is symmetric, so derivatives by the tip motion are the wrench of a virtual tip motion (adjoint), and
-derivatives by the arm's own parameters follow from the real and the virtual wrench.
+couple. The inverse is symmetric. So the derivatives of a scalar by the tip motion are the wrench that a virtual tip
+motion would need (adjoint method), and its derivatives by the arm's parameters follow from the real and the virtual
+wrench.
 """
 
 from __future__ import annotations
@@ -24,46 +25,26 @@ from ...spirals.curves.arm_curves import ArmCurves
 from ...spirals.curves.blends import N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, smooth_positive
 from .beams import SHEAR_FACTOR, torsion_constant
 from .pieces import POISSON
+from .split_vector import SplitVector
 
-HUB_SHARE = 0.985  # t where an arm leaves its hub, over t at its first fillet; larger makes arms longer and softer
-# Largest hub radius, as a share of the arm's radius. Larger stiffens tightly wound arms. Spirals whose slots are open
-# over the outer third of the radius have smaller hubs, so the limit does not affect them
+# t where an arm leaves its hub, over t at the first fillet beside it; larger makes arms longer and softer
+HUB_SHARE = 0.985
+# Largest radius of a hub, as a share of the arms' radius. Larger makes tightly wound arms stiffer. Spirals whose slots
+# are open over at least the outer third of the radius have smaller hubs, so the limit does not affect them
 _MAX_HUB_SHARE = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class SplitVector:
-    """Vectors split into their part in the plane of the flat arms (complex) and their part along the normal."""
-
-    flat: Complex[np.ndarray, "*n"]
-    off: Float[np.ndarray, "*n"]
-
-    @classmethod
-    def from_vectors(cls, vector: Float[np.ndarray, "*n 3"]) -> SplitVector:
-        """Split vectors (..., 3), whose first two components are in the plane."""
-        return cls(vector[..., 0] + 1j * vector[..., 1], vector[..., 2])
-
-    @property
-    def space(self) -> Float[np.ndarray, "*n 3"]:
-        """The vectors as arrays (..., 3)."""
-        return np.stack([self.flat.real, self.flat.imag, self.off], axis=-1)
-
-    def __getitem__(self, index: Any) -> SplitVector:
-        return SplitVector(self.flat[index], self.off[index])
-
-    def sums(self) -> SplitVector:
-        """Return the sums over the pieces from the hub to every station."""
-        return SplitVector(_cumulative(self.flat), _cumulative(self.off))
-
-
-@dataclass(frozen=True, eq=False)
 class PointGradient:
-    """Derivatives of K scalars, each a function of one place on an arm, by the state of the arm there.
+    """Derivatives of K scalars, each a function of the state of one arm at one place on it.
 
-    shift, turn : by the motion of the station before the place; bend, stretch : by bend and stretch of the place's
-        piece
-    station : by the position of that station on the flat arm; hub : by t where the arm leaves its hub
-    point, velocity, half : by position, its derivative by t, and half width of the flat arm at the place
+    The place lies in a piece of the arm; "station" is the end of this piece that is nearer to the hub.
+
+    shift, turn : derivatives by the station's shift and rotation
+    bend, stretch : by the piece's bend and stretch
+    station : by the station's position on the flat arm
+    hub : by t where the arm leaves its hub
+    point, velocity, half : by the flat arm's position at the place, the position's derivative by t, and half its width
     """
 
     shift: SplitVector
@@ -78,12 +59,7 @@ class PointGradient:
 
     @classmethod
     def interleave(cls, first: PointGradient, second: PointGradient) -> PointGradient:
-        """Interleave two sets of derivatives.
-
-        Parameters
-        ----------
-        first, second : derivatives of equally many scalars, which alternate in the result
-        """
+        """Merge the derivatives of two lists of equally many scalars, which alternate in the result."""
         return cls(*(_interleave(getattr(first, part.name), getattr(second, part.name)) for part in fields(cls)))
 
 
@@ -104,12 +80,15 @@ class Wrenches:
 
 @dataclass(frozen=True, eq=False)
 class TipBeams:
-    """N flat arms, each divided into pieces of equal length in t.
+    """N flat arms, each divided into pieces of equal length in t. Stations are the ends of pieces, from hub to tip.
 
-    lines : centre lines; fillet (radius), thickness : metres; hub : t where the arms leave their hub
-    flat : positions of the stations from hub to tip, metres
-    velocity, width, curving : derivative by t, width and curvature (1 / metres) at the middles of the pieces
-    lever : i times the vector from these middles to the tip
+    lines : centre lines of the arms
+    thickness, fillet : thickness of the sheet and radius of the fillets, metres
+    hub : t where the arms leave their hub (t is 0 at the tip, 1 at the hub's centre)
+    flat : positions of the stations relative to the hub's centre, metres
+    velocity, width, curving : at the middles of the pieces: the position's derivative by t (metres), the arm's width
+        (metres) and its curvature (1 / metres)
+    lever : i times the vector from the middle of a piece to the tip, metres
     """
 
     lines: ArmCurves
@@ -128,9 +107,9 @@ class TipBeams:
 
         Parameters
         ----------
-        lines : centre lines
-        fillet, thickness : metres
-        pieces : per arm
+        lines : centre lines of the arms
+        fillet, thickness : radius of the fillets at the hub and thickness of the sheet, metres
+        pieces : number of pieces per arm
         """
         hub = hub_ends(lines.radius, lines.wind, 0.5 * lines.width + fillet)[0]
         t = hub[:, None] * np.linspace(1.0, 0.0, 2 * pieces + 1)
@@ -143,7 +122,7 @@ class TipBeams:
 
     @property
     def middle(self) -> Complex[np.ndarray, "n pieces"]:
-        """Middles of the pieces, metres."""
+        """Positions of the pieces' middles, relative to the hub's centre, metres."""
         return self.flat[:, -1:] + 1j * self.lever
 
     @property
@@ -157,15 +136,21 @@ class TipBeams:
 
     @cached_property
     def _direction_squared(self) -> Complex[np.ndarray, "n pieces"]:
-        """Squared direction a^2 of the arm. p x + r a^2 conj(x) is x with its part along the arm times p + r, and its
-        part across the arm times p - r."""
+        """Square a^2 of the unit tangent a of every piece, as a complex number.
+
+        For a vector x in the plane and real p and r, p x + r a^2 conj(x) is x with its part along the arm multiplied by
+        p + r and its part across the arm multiplied by p - r.
+        """
         return self.velocity**2 / np.abs(self.velocity) ** 2
 
     @cached_property
     def _flexibilities(self) -> tuple[np.ndarray, ...]:
-        """Flexibilities of every piece for a Young's modulus of 1 Pa: p and r (see ``_direction_squared``) of turns
-        about axes in the plane; turn about the normal; p and r of stretch in the plane; shear along the normal;
-        derivatives by the width of torsion and of out-of-plane bending."""
+        """Flexibilities of every piece for a Young's modulus of 1 Pa: eight arrays (n, pieces).
+
+        0, 1: p and r (see ``_direction_squared``) of the bend per moment about axes in the plane; 2: bend per moment
+        about the normal; 3, 4: p and r of stretch and shear per force in the plane; 5: shear per force along the
+        normal; 6, 7: derivatives by the width of torsion and of out-of-plane bending per moment.
+        """
         height, width = self.thickness, self.width
         length = np.abs(self.velocity) * (self.hub[:, None] / self.velocity.shape[1])
         shear = 0.5 / (1.0 + POISSON)
@@ -181,18 +166,22 @@ class TipBeams:
         )  # fmt: skip
 
     def _turn_pieces(self, moment: SplitVector) -> SplitVector:
-        """Return the turns of the pieces under moments (n, pieces)."""
+        """Return the bends (rotation vectors) of the pieces under moments (n, pieces)."""
         p, r, off = self._flexibilities[:3]
         return SplitVector(p * moment.flat + r * self._direction_squared * np.conj(moment.flat), off * moment.off)
 
     def _stretch_pieces(self, force: SplitVector) -> SplitVector:
-        """Return stretch and shear of the pieces under forces (n, pieces) or (n, 1)."""
+        """Return the stretch and shear (as one vector) of the pieces under forces (n, pieces) or (n, 1)."""
         p, r, off = self._flexibilities[3:6]
         return SplitVector(p * force.flat + r * self._direction_squared * np.conj(force.flat), off * force.off)
 
     @cached_property
     def _elastic_centres(self) -> tuple[Any, ...]:
-        """Elastic centres of the in-plane and the out-of-plane beam problem, and the tip compliances about them."""
+        """Elastic centres of both beam problems, as levers, and the tip compliances about them.
+
+        In the plane: turn per moment, centre, p and r of shift per force (see ``_solve``). Out of the plane: p and r of
+        turn per moment, centre, shift per force.
+        """
         (p, r, off, gradient, aside, slide), lever = self._flexibilities[:6], self.lever
         turn = off.sum(1)
         centre = (off * lever).sum(1) / turn
@@ -208,14 +197,10 @@ class TipBeams:
         return turn, centre, plane, roll, other, lift
 
     def wrenches(self, shift: SplitVector, turn: SplitVector) -> Wrenches:
-        """Return the wrenches at the tips that cause these tip motions.
+        """Return the wrenches at the tips that cause the tip motions ``shift`` (metres) and ``turn`` (radians).
 
-        Used as an adjoint, it converts derivatives of scalars by the wrenches (``shift``, ``turn``) to derivatives by
-        the tip motions.
-
-        Parameters
-        ----------
-        shift, turn : metres and radians
+        The map is linear and symmetric. So, from a scalar's derivatives by force and moment, passed as ``shift`` and
+        ``turn``, it returns the scalar's derivatives by the tip motion.
         """
         stiff, centre, plane, roll, other, lift = self._elastic_centres
         force = _solve(plane, shift.flat - turn.off * centre)
@@ -224,7 +209,7 @@ class TipBeams:
         return Wrenches(SplitVector(force, up), moment)
 
     def bend(self, motion: Float[np.ndarray, "n 6"]) -> BentBeams:
-        """Bend the arms by tip motions (n, 6): shifts in metres and turns in radians."""
+        """Bend the arms by the tip motions ``motion`` (n, 6): shifts (3) in metres, then turns (3) in radians."""
         load = self.wrenches(SplitVector.from_vectors(motion[:, :3]), SplitVector.from_vectors(motion[:, 3:]))
         bend, stretch = self._turn_pieces(load.at(self.lever)), self._stretch_pieces(load.force[:, None])
         turn = bend.sums()
@@ -238,8 +223,10 @@ class TipBeams:
 class BentBeams:
     """Arms of ``TipBeams`` that are bent by motions of their tips.
 
-    load : wrenches at the tips; bend, stretch : of every piece, radians and metres
-    turn, shift : of every station, radians and metres; middle : turns at the middles of the pieces
+    load : wrenches at the tips
+    bend, stretch : rotation vector (radians), and stretch and shear (metres), of every piece
+    turn, shift : rotation vector (radians) and shift (metres) of every station
+    middle : rotation vectors at the middles of the pieces, radians
     """
 
     beams: TipBeams
@@ -251,18 +238,18 @@ class BentBeams:
     middle: SplitVector
 
     def subset(self, index: Int[np.ndarray, " k"]) -> BentBeams:
-        """Select arms by index, possibly repeated, with all that is already computed for them."""
+        """Return the arms with the indices ``index``, which may repeat; cached properties are copied with them."""
         return _select_rows(self, index)
 
     def vjp(
         self, t: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"], gradient: PointGradient
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n numbers"]]:
-        """Return the vector-Jacobian product by the tip motions and by the arms' parameters (see ``blends``).
+        """Return the derivatives of one scalar per arm by the tip motions and by the parameters of ``blends``.
 
         Parameters
         ----------
-        t, piece : one place on every arm, and the piece that contains it
-        gradient : derivatives of one scalar per arm by the state at that place
+        t, piece : (n,) position of one place on every arm, and index of the piece that contains it
+        gradient : the scalar's derivatives by the state of the arm at this place
         """
         beams = self.beams
         count, rows = beams.velocity.shape[1], np.arange(len(t))
@@ -282,7 +269,7 @@ class BentBeams:
         virtual, by_hub, by_velocity, by_width, by_lever = self._vjp_of_pieces(bend, stretch)
         by_flat[:, -1] += by_lever.sum(1)
         step = np.linspace(1.0, 0.0, 2 * count + 1)
-        # stations alternate with middles of pieces, the last column is the place
+        # columns: station 0, middle of piece 0, station 1, middle of piece 1, ..., and last the place ``t``
         points, velocity, width = (np.zeros((len(t), 2 * count + 2), dtype=kind) for kind in (complex, complex, float))
         points[:, :-1:2], points[:, 1:-1:2], points[:, -1] = by_flat, -by_lever, gradient.point
         velocity[:, 1:-1:2], velocity[:, -1] = by_velocity, gradient.velocity
@@ -297,8 +284,11 @@ class BentBeams:
     def _vjp_of_pieces(
         self, bend: SplitVector, stretch: SplitVector
     ) -> tuple[Wrenches, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Convert derivatives by bend and stretch of the pieces to the virtual wrench (derivatives by tip motion) and
-        to derivatives by t at the hubs (through the pieces' lengths), velocities, widths and levers."""
+        """Convert a scalar's derivatives by bend and stretch of the pieces.
+
+        Returns its derivatives by the tip motion (the virtual wrench), by ``hub`` as far as this changes the pieces'
+        lengths, by ``velocity``, by ``width`` and by the vectors from the pieces' middles to the tip.
+        """
         beams, load = self.beams, self.load
         lever, along = beams.lever, beams._direction_squared
         _, r, off, _, aside, _, twist_by, level_by = beams._flexibilities
@@ -310,7 +300,7 @@ class BentBeams:
             SplitVector(turned.flat.sum(1), turned.off.sum(1)),
         )
         moment, force, other = load.at(lever), load.force[:, None], virtual.at(lever)
-        # subtract the virtual wrench's part: the rest are derivatives at fixed tips
+        # derivatives by bend and stretch at fixed tip motions: subtract what the virtual wrench cancels
         bend = SplitVector(bend.flat - other.flat, bend.off - other.off)
         stretch = SplitVector(stretch.flat - virtual.force.flat[:, None], stretch.off - virtual.force.off[:, None])
         turned = beams._turn_pieces(bend)
@@ -337,7 +327,7 @@ class BentBeams:
 
 
 def _select_rows(known: Any, index: Int[np.ndarray, " k"]) -> Any:
-    """Copy nested tuples and data classes with only the rows ``index`` of every array."""
+    """Copy arrays, or tuples and data classes of arrays at any depth, with only the rows ``index`` of every array."""
     if isinstance(known, np.ndarray):
         return known[index]
     if isinstance(known, tuple):
@@ -352,9 +342,15 @@ def _select_rows(known: Any, index: Int[np.ndarray, " k"]) -> Any:
 def hub_ends(
     radius: Float[np.ndarray, " n"], wind: Float[np.ndarray, " n"], away: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-    """Return t where arms of regular spirals leave their hub, at slots as wide as a fillet, with its derivatives.
+    """Return t where arms of spirals with four equal arms leave their hub, and its derivatives (n, 3).
 
-    radius, wind, away : metres, radians, and metres from an arm's centre line to the centre of a fillet beside it
+    The slots beside an arm end where they are as wide as a fillet. The derivatives are by the three parameters.
+
+    Parameters
+    ----------
+    radius : of the arms, metres
+    wind : twist of the arms, radians
+    away : distance from an arm's centre line to the centre of a fillet beside it, metres
     """
     room = (0.25 * math.pi * radius / away) ** 2
     least = 1.0 / _MAX_HUB_SHARE**2
@@ -366,35 +362,31 @@ def hub_ends(
 
 
 def _interleave(first: Any, second: Any) -> Any:
-    """Return a[0], b[0], a[1], b[1] and so on, for arrays or split vectors a and b."""
+    """Return first[0], second[0], first[1], second[1] and so on, for arrays or split vectors."""
     if isinstance(first, SplitVector):
         return SplitVector(_interleave(first.flat, second.flat), _interleave(first.off, second.off))
     return np.stack([first, second], axis=1).ravel()
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the dot products of plane vectors that are given as complex numbers."""
+    """Return the dot products of vectors in the plane, given as complex numbers."""
     return a.real * b.real + a.imag * b.imag
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross products of plane vectors that are given as complex numbers."""
+    """Return the cross products a x b of vectors in the plane, given as complex numbers; they are real numbers."""
     return a.real * b.imag - a.imag * b.real
 
 
 def _solve(both: tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Return y with p y + r conj(y) = x; ``both`` : the real p and the complex r."""
+    """Return the complex y for which p y + r conj(y) = x.
+
+    both : the real p and the complex r
+    """
     p, r = both
     return (p * x - r * np.conj(x)) / (p * p - np.abs(r) ** 2)
 
 
-def _cumulative(steps: np.ndarray) -> np.ndarray:
-    """Return the cumulative sums along the pieces, beginning with zero."""
-    out = np.zeros((len(steps), steps.shape[1] + 1), dtype=steps.dtype)
-    np.cumsum(steps, axis=1, out=out[:, 1:])
-    return out
-
-
 def sum_beyond(x: np.ndarray) -> np.ndarray:
-    """Return for every column the sum of all later columns plus half of its own value."""
+    """Return for every column of x (n, pieces) the sum of all later columns plus half of the column itself."""
     return np.cumsum(x[:, ::-1], axis=1)[:, ::-1] - 0.5 * x

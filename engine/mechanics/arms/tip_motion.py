@@ -1,9 +1,10 @@
 """Motions of the tips of both arms of every joint relative to their hubs, with exact derivatives.
 
-The motion y of a joint is the motion of the joint as fixed to the second hub relative to the joint as fixed to the
-first, in the axes half way between both hubs. Both arms, of compliances C_a and C_b, carry the wrench K y, with
-K = (C_a + C_b)^-1. So in these axes the tip of the first arm moves by C_a K y and the tip of the second by -C_b K y,
-to one point. The axes of a hub differ from the half-way axes by half of the joint's turn, so shifts are rotated by it.
+The place of the joint at rest can be fixed to the first hub or to the second. When the hubs move, these two points
+separate: the motion y of the joint is that of the second point relative to the first, in the axes half way between both
+hubs. Both arms, of compliances C_a and C_b, carry the wrench K y, with K = (C_a + C_b)^-1. So in these axes the tip of
+the first arm moves by C_a K y and the tip of the second by -C_b K y, to the same point. The axes of a hub differ from
+the half-way axes by half of the joint's turn, so the shifts are rotated by this half turn to the axes of the hub.
 """
 
 from __future__ import annotations
@@ -22,10 +23,12 @@ from .sensitivity import PARAMETERS, spread_over_design
 
 @dataclass(frozen=True, eq=False)
 class TipMotions:
-    """Shifts (metres) and turns (radians) of both tips of m joints, each in the flat frame of its own hub's patch.
+    """Motions of both tips of m joints relative to their hubs, each in the flat frame of its own hub's patch.
 
-    values : (m, 2, 6); by_pose : (m, 2, 6, 12) derivatives by the increments of both hubs
-    by_design : (m, 2, 6, 2, 5) derivatives by the four widths and the twist of the spirals on both sides
+    values : (m, 2, 6) shifts (3, metres) and turns (3, radians)
+    by_pose : (m, 2, 6, 12) derivatives by the increments of both hubs (6 each)
+    by_design : (m, 2, 6, 2, 5) derivatives by the spirals on both sides of the joint (axis 3): their four widths, then
+        the twist (axis 4)
     """
 
     values: Float[np.ndarray, "joints 2 6"]
@@ -46,8 +49,8 @@ class TipMotions:
         Parameters
         ----------
         assembly, pose : m joints, and where their hubs are
-        compliance, by : of the arms, with derivatives, as ``values`` and ``by`` of ``ArmCompliances``
-        stiffness : of the joints, ``ArmModel.at_joint``
+        compliance, by : tip compliances of the arms and their derivatives: ``values`` and ``by`` of ``ArmCompliances``
+        stiffness : of the joints, as ``ArmModel.at_joint``
         """
         motion, m, axes = _motion(assembly, pose), len(assembly.pairs), assembly.arm_axes
         values, by_pose, by_design = np.empty((m, 2, 6)), np.empty((m, 2, 6, 12)), np.empty((m, 2, 6, 2, 5))
@@ -55,10 +58,11 @@ class TipMotions:
         back = np.zeros((m, 6, 6))
         back[:, :3, :3] = back[:, 3:, 3:] = np.swapaxes(motion.middle, 1, 2)
         motion_by_pose = back @ first_order(SpatialMotion.from_joints(motion))
-        # derivatives of the joint's motion under this wrench, through the compliances of both arms
+        # derivatives of compliance @ wrench at constant wrench, for both arms
         own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
         yields = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
-        # axes: joint, arm, spiral whose parameter changes, parameter, motion
+        # the same derivatives; axes: joint, arm, spiral to which the parameter belongs, parameter, component of the
+        # motion
         both = np.zeros((m, 2, 2, PARAMETERS, 6))
         for side in (0, 1):
             both[:, side, side] = yields[:, side][:, [WIDTH, TWIST, BESIDE]]
@@ -73,7 +77,7 @@ class TipMotions:
             frame[:, :3, :3], frame[:, 3:, 3:] = assembly.axes[:, side] @ turn, assembly.axes[:, side]
             values[:, side] = matvec(frame, moved)
             by_pose[:, side] = frame @ share @ motion_by_pose
-            # derivative of the rotation of the shift by half of the turn
+            # the shift is rotated by half of the joint's turn; this is the derivative of the rotated shift by the turn
             swing = -0.5 * sign * (frame[:, :3, :3] @ skew(moved[:, :3]) @ right_jacobian(half))
             by_pose[:, side, :3] += swing @ motion_by_pose[:, 3:]
             by_design[:, side] = spread_over_design(matvec(frame[:, None, None], by_arms), assembly.sides).transpose(
@@ -106,5 +110,5 @@ def tip_motions(
 
 
 def _motion(assembly: Assembly, pose: Pose) -> JointMotion:
-    """Return the motion between the joints as fixed to either hub; these points coincide at rest."""
+    """Return the motions of the joints, measured between the two points of the module's docstring."""
     return joint_motion(pose, assembly.pairs, assembly.lever, assembly.axes, np.zeros((len(assembly.pairs), 3)))

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Complex, Float, Int
-from ..arms.tip_beams import BentBeams, PointGradient, SplitVector
+from ..arms.split_vector import SplitVector
+from ..arms.tip_beams import BentBeams, PointGradient
 from ..vectors import dot, matvec, right_jacobian, rotation_matrix, to_space
 
 

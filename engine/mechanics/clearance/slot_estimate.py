@@ -27,7 +27,8 @@ from ...spirals.curves.blends import (
     OWN_WIND,
     RADIUS,
 )
-from ..arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
+from ..arms.split_vector import SplitVector
+from ..arms.tip_beams import BentBeams, PointGradient, TipBeams
 from ..vectors import dot
 from .sections import Section, SectionGradient
 

@@ -17,7 +17,7 @@ import numpy as np
 from ...arrays import Float
 from ...errors import FlexMapsError
 from ...spirals.clearance.table_range import table_limit_and_slope
-from ..arms.stiffness import check_dimensions, check_material
+from ..dimensions import check_dimensions, check_material
 from ..out_of_range import SLACK, OutOfRange
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"

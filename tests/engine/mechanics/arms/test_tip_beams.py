@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from flexmaps.engine.mechanics.arms.pieces import POISSON, piece_flexibilities
-from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
+from flexmaps.engine.mechanics.arms.split_vector import SplitVector
+from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PointGradient, TipBeams
 from flexmaps.engine.mechanics.clearance import slot_estimate
 from flexmaps.engine.mechanics.clearance.sections import Section, SectionGradient
 from flexmaps.engine.mechanics.clearance.slot_estimate import Slots
