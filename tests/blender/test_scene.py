@@ -20,7 +20,7 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +111,12 @@ def test_what_is_no_mesh_yet_is_read_as_one_and_stays(kind: str, tmp_path: Path)
     assert kept.type != "MESH" and kept.hide_viewport
 
 
+def _small_sphere() -> QuadMesh:
+    """A sphere of 54 quads, 20 mm wide."""
+    mesh = shapes.cubesphere(3)
+    return mesh.with_vertices(mesh.vertices * (0.02 / mesh.median_edge))
+
+
 @pytest.mark.parametrize("clockwise", [False, True])
 def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> None:
     """Volume of the closed solid (trimesh) against area of the outlines times thickness."""
@@ -161,7 +167,7 @@ def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
     import shapely
     import trimesh
 
-    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(_small_sphere(), LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams())
     cut = sheets.make_sheets(
         made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector=connector)

@@ -82,7 +82,9 @@ def test_springs_bring_a_search_on_that_ends_far_from_its_target() -> None:
     assert again.target_distances["rms_percent"] == pytest.approx(found.after.target_distances["rms_percent"], rel=0.01)
 
 
-@pytest.mark.parametrize("height", [0.1, 0.12, 0.16])
+@pytest.mark.parametrize(
+    "height", [pytest.param(0.1, marks=pytest.mark.thorough), pytest.param(0.12, marks=pytest.mark.thorough), 0.16]
+)
 def test_a_shallow_surface_does_not_stay_flat(height: float) -> None:
     design, mesh = hill(height)
     found = optimise(design, mesh, VERO, replace(SETTINGS.optimise, patience=0.5), SETTINGS.simulate)
