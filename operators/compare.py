@@ -60,7 +60,7 @@ class Compare(ScanProperties, ContinuedStage["Result"], bpy.types.Operator):
         from ..bridge.store import equilibrium
         from ..engine.extras.scanning import scan_reader
 
-        path = Path(bpy.path.abspath(self.filepath))
+        path = _resolve_scan(self.filepath)
         unit, anywhere = "" if self.unit == "GUESS" else self.unit, self.anywhere
         rest = equilibrium.read_rest_pose(obj, bpy.context.scene, snapshot.surface)
 
@@ -98,9 +98,23 @@ class CompareFile(ScanProperties, FileDialogOperator, ImmediateOperator, bpy.typ
         return Compare.poll(context)
 
     def run(self, context: bpy.types.Context) -> None:
-        if not Path(bpy.path.abspath(self.filepath)).is_file():
-            raise FlexMapsError(translate("There is no file {}; choose a scan", self.filepath))
+        _resolve_scan(self.filepath)
         run_stage(Compare.bl_idname, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
+
+
+def _resolve_scan(filepath: str) -> Path:
+    """Return the absolute path of a scan's file.
+
+    Raises
+    ------
+    FlexMapsError : no file is chosen, or it does not exist
+    """
+    if not filepath:
+        raise FlexMapsError(translate("Choose the file of a scan"))
+    path = Path(bpy.path.abspath(filepath))
+    if not path.is_file():
+        raise FlexMapsError(translate("There is no file {}; choose a scan", filepath))
+    return path
 
 
 CLASSES = (Compare, CompareFile)

@@ -114,6 +114,9 @@ def test_a_missing_file_is_named(saddle: Any) -> None:
         bpy.ops.flexmaps.compare_file(filepath="/nowhere/scan.ply")
     with pytest.raises(RuntimeError, match="nowhere"):
         bpy.ops.flexmaps.compare(filepath="/nowhere/scan.ply")
+    for ask in (bpy.ops.flexmaps.compare_file, bpy.ops.flexmaps.compare):
+        with pytest.raises(RuntimeError, match="Choose the file of a scan"):
+            ask()
     assert "scan" not in stored_report.read(obj.data)
 
 
