@@ -167,7 +167,7 @@ def write_result(
         layouts = [one.flat for one in choice.proposals]
         stored.write_cuts(obj, surface, [flat.layout.cut for flat in layouts])
         thumbnails.store_thumbnails(obj, thumbnails.draw_thumbnails(layouts))
-    progress(0.9, "notes in the Blender file")
+    progress(0.9, "writing notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, surface, result.simulation, result.limits)
     scan = cast("Comparison | None", result.value("scan"))
@@ -190,9 +190,9 @@ def _write_flat(
     progress: Progress,
 ) -> None:
     """Write seams, flat patches and spirals into the object, and make the objects beside the model."""
-    progress(0.0, "panels side by side")
+    progress(0.0, "placing panels side by side")
     centres = arrange.arrange_patches(flat)
-    progress(0.1, "flat panels in the Blender file")
+    progress(0.1, "drawing flat panels in the Blender file")
     mesh.write_flat(obj, surface, flat, centres)
     colouring.store_colours(obj, "PATCH")
     if result.design is None:
@@ -200,13 +200,13 @@ def _write_flat(
         flat_panels.show_flat(obj, scene, flat, centres)
         return
     mesh.write_design(obj, surface, result.design)
-    progress(0.2, "solids of the panels")
+    progress(0.2, "building the solids of the panels")
     cut = result.sheets
     design = result.design if cut is None or cut.base is None else cut.base.design
     shape = solids.make_solids(design, centres, () if cut is None else cut.connections.tips)
     drawing = flat_panels.PanelDrawing(design, "", centres, shape, _outlines(result.sheets, result.design))
     for _ in drawing.show(obj, scene):
-        progress(0.6, "panels in the Blender file")
+        progress(0.6, "drawing panels in the Blender file")
 
 
 def _outlines(sheets: CutSheets | None, design: SpiralDesign) -> list[tuple[Any, ...]]:

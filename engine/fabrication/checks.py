@@ -77,7 +77,7 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
         raise FlexMapsError(f"{with_count(len(narrow), 'spiral', 'spirals')} cannot be cut: {remedy}", faces=narrow)
     paths: list[Outline] = []
     for panel in panels:
-        progress(0.5 * len(paths) / len(panels), "paths of the cutter")
+        progress(0.5 * len(paths) / len(panels), "checking the paths of the cutter")
         try:
             paths.append(cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes))
         except FlexMapsError as error:
@@ -140,7 +140,7 @@ def check_panel_sizes(
     """
     found = []
     for number, panel in enumerate(panels):
-        progress(number / len(panels), "size of the panels")
+        progress(number / len(panels), "checking the size of the panels")
         shape = panel.outline.transform(turn, np.zeros(2)).sample(1e-4)
         if (
             find_fitting_rotation(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation)

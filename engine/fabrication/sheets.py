@@ -149,14 +149,14 @@ def make_sheets(
     """
     design = design if base is None else base.design
     layout = design.flat.layout
-    progress(0.0, "outlines")
+    progress(0.0, "drawing outlines")
     refuse_crossed({"sheet": params, "cut": cut}, ("cut",))
     check_mill(design, cut)
     made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
     drawn = list(made.outlines)
     progress(0.3, "checking outlines")
     _refuse_contacts(design, drawn, progress.part(0.3, 0.5))
-    progress(0.5, "labels")
+    progress(0.5, "placing labels")
     labels = make_engraving(design, made, params, base, progress=progress.part(0.5, 0.6))
     panels = _make_panels(design, drawn, labels, base, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
@@ -213,7 +213,7 @@ def _nest_panels(
 
     turn : rotation in radians by which all panels are turned before they are laid, see ``grain_rotation``
     """
-    outlines = [p.outline for p in progress.part(0.0, 0.0).each(panels, "outlines of the panels")]
+    outlines = [p.outline for p in progress.part(0.0, 0.0).each(panels, "drawing the outlines of the panels")]
     shapes = [o.transform(turn, np.zeros(2)).sample(2e-5) if turn else o.sample(2e-5) for o in outlines]
     refuse_many_sheets(shapes, params)
     laid = nest(shapes, params, progress)
@@ -297,7 +297,7 @@ def _make_panels(
     """Return one panel per patch, including the holes for eyelets."""
     holds, numbers = _tab_places(design, progress), panel_numbers(design.flat.layout)
     panels = []
-    for i, o in enumerate(progress.each(outlines, "areas of the panels")):
+    for i, o in enumerate(progress.each(outlines, "measuring the areas of the panels")):
         pierced = (*o.holes, *(() if base is None else base.eyelet_holes(i)))
         area = o.outer.area + sum(h.area for h in pierced)
         panels.append(
@@ -353,7 +353,7 @@ def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     # a slot opens to the outline if the mesh vertex between the sides of its two arms lies on the outline
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
-    for quads in progress.each(layout.patches, "places for holding tabs"):
+    for quads in progress.each(layout.patches, "placing holding tabs"):
         ends, roots = tips[quads][border[quads]], design.roots.centre[quads][outer[quads]]
         liked = np.repeat([1.0, _HUB_PENALTY], [len(ends), len(roots)])
         found.append(np.column_stack([np.concatenate([ends, roots]), liked]))

@@ -134,7 +134,7 @@ class NewtonSystem:
         size = (len(self.free),) * 2
 
         def solved(x: np.ndarray) -> np.ndarray:
-            progress(0.0, "How the shape moves most easily")
+            progress(0.0, "Finding how the shape moves most easily")
             return self.cholesky.solve(np.asarray(x).ravel())
 
         inverse = LinearOperator(size, matvec=solved, dtype=float)

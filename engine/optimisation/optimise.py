@@ -179,7 +179,7 @@ def optimise(
     progress, work = progress.rising(), Work.for_spirals(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     before = _simulate_given(task, design, progress) if prove else None
-    problem = task.build_problem(design, progress.at(0.0, "Starting shapes"))
+    problem = task.build_problem(design, progress.at(0.0, "Finding starting shapes"))
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     names = _rank_starts(points, _distance_limit(points.get("given"), problem))
     starts = {name: points[name].with_strain_weight(points[names[0]].mismatch.value) for name in names}
@@ -215,7 +215,7 @@ def _simulate_given(task: Task, design: SpiralDesign, progress: Progress) -> Sim
 
     This is done first, so that a user who cancels later need not wait for it.
     """
-    pose, within = target_pose(task.target, design.flat.corners), progress.at(0.0, "Starting shapes")
+    pose, within = target_pose(task.target, design.flat.corners), progress.at(0.0, "Finding starting shapes")
     found = task.simulate(design, pose, within)
     if not found.equilibrium.converged:
         return None
@@ -360,7 +360,7 @@ def find_starts(
                 places[name] = x
     points: dict[str, DesignPoint] = {}
     for k, (name, x) in enumerate(places.items()):
-        within = progress.at(k / len(places), "Starting shapes")
+        within = progress.at(k / len(places), "Finding starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
         point = own.point_at(x, pose, within)
         if point.equilibrium.converged:
@@ -368,7 +368,7 @@ def find_starts(
     for name, x in {**places, "stiff": space.uniform(1.0, 0.0), "soft": space.uniform(0.5, 1.0)}.items():
         if points:
             break
-        within = progress.at(0.9, "Starting shapes, one load after the other")
+        within = progress.at(0.9, "Finding starting shapes, load after load")
         point = _load_in_parts(*_make_fabricable(problem, design, x, within), pose, within)
         if point.equilibrium.converged:
             points[name] = point

@@ -175,7 +175,7 @@ class Search:
         """
         params, work = self.task.params, self.task.work
         tried = [self.add_result(design, start) for start in starts]
-        here = self._with_best_bodies(tried, tried[0], progress.at(0.0, "Starting shapes"))
+        here = self._with_best_bodies(tried, tried[0], progress.at(0.0, "Finding starting shapes"))
         work.begin_stage(TIME_WITH_FLATS)
         codesigned = params.codesign and here.point.arm_model is not None
         if codesigned:

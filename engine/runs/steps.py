@@ -243,7 +243,7 @@ def make_base_or_eyelets(
 
 
 def _estimate(result: Result, plan: SheetPlan, settings: Settings, progress: Progress) -> Result:
-    progress(0.0, "How long making takes, and how hard the seams are to join")
+    progress(0.0, "Estimating how long making takes, and how hard the seams are to join")
     made, design = plan.sheets, result.need(DesignVersion).design
     figures = estimates.estimate(made, design, settings.material.chosen, settings.cost)
     joins = assembly_check.check_assembly(design, made.connections, result.simulation)

@@ -69,7 +69,7 @@ def _rms_distance(
     name : the quantity, "thickness", "width" or "stiffness"
     step : change of the width, metres, or relative change of the thickness or stiffness
     """
-    progress(0.0, "Real sheets")
+    progress(0.0, "Simulating real sheets")
     assembly, loads, model, material = simulation.assembly, simulation.loads, simulation.model, simulation.material
     changed: ElasticModel | None
     if name == "thickness":

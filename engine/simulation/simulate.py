@@ -129,7 +129,7 @@ class Simulation:
         pose, pairs = self.equilibrium.pose, self.model.pairs
         system = NewtonSystem(pairs, self.loads.held_increments(pairs, pose.centres))
         here = self.model.expand(self.model.start(pose))
-        progress(0.0, "How the shape moves most easily")
+        progress(0.0, "Finding how the shape moves most easily")
         values, metric = system.values(here.hessian), system.values(here.convex)
         if self.equilibrium.converged and len(system.free) and system.factor(values):
             modes, rise = system.softest_at_minimum(values, metric, 1)
@@ -347,9 +347,9 @@ def simulate(
     FlexMapsError if the loads would carry an unsupported body away, or ``supports`` names spirals that do not exist.
     """
     assembly = assembly_from_design(design)
-    within = progress.at(0.0, "Stiffness of the arms")
+    within = progress.at(0.0, "Computing the stiffness of the arms")
     model = build_model(assembly, material, params.model, quick=quick, slopes=False, progress=within)
-    progress(0.0, "Loads")
+    progress(0.0, "Reading the loads")
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.for_spirals(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
     support_poses = SupportPoses(loads, target, design.flat.corners)

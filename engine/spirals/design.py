@@ -177,7 +177,7 @@ class SpiralDesign:
         if self.cache.min_slot_and_bridge is None:
             slot, bridge = np.inf, np.inf
             every, roots = np.arange(len(self.width)), self.roots
-            for part in progress.batches(len(every), BATCH, "the narrowest places"):
+            for part in progress.batches(len(every), BATCH, "finding the narrowest places"):
                 some = every[part]
                 arms, ends = self.arms.subset(some), (roots.left[some], roots.right[some])
                 own = slots.min_slot_and_bridge(arms, *ends, self.params.fillet, self.is_absent[some])

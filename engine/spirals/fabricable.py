@@ -167,9 +167,9 @@ def make_fabricable(
     if check_outlines:  # a quad that had a solid hub may have room for a spiral in these flat patches
         width = np.where((free & ~small & mark_solid_hubs(width, params))[:, None], low[:, None], width)
     most = np.where(free, high, np.inf)
-    progress(0.0, "room between the arms")
+    progress(0.0, "making room between the arms")
     width, room = np.minimum(width, most[:, None]), ClearanceModel.from_flat(flat, params)
-    progress(0.0, "room between the arms")
+    progress(0.0, "making room between the arms")
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
     width, twist = with_solid_hubs(params, width, twist, (small | mark_solid_hubs(width, params)) & free)
     shut = room.quads_with_closed_gaps(width, twist) & free
@@ -269,7 +269,7 @@ def _quads_in_contact(design: SpiralDesign, progress: Progress) -> tuple[Int[np.
 
     If slots have no root, return their quads and None, because outlines cannot be drawn.
     """
-    progress(0.0, "roots of the slots")
+    progress(0.0, "rounding the roots of the slots")
     culprits = np.flatnonzero(design.roots.is_missing.any(axis=1))
     if len(culprits):
         return culprits, None

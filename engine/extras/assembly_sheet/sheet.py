@@ -99,7 +99,7 @@ def draw_pages(
         to_hexadecimal(patch_colours(len(flat.layout.patches))),
         to_hexadecimal(seam_colours(max(len(flat.layout.seams), 1))),
     )
-    progress(0.0, "the order of the steps")
+    progress(0.0, "ordering the steps")
     order = assembly_steps(flat.layout)
     found = [_draw_overview(flat, sheets, figures, title, look, checked, progress)]
     drawn = min(len(order), max(SHOWN // len(flat.layout.mesh.quads), ROWS))
@@ -139,7 +139,7 @@ def _draw_overview(
     everything = tuple(range(len(layout.patches)))
     view = camera_axes(np.array([0.6, -0.8, 0.0]))
     draw_surface(page, PageBox(MARGIN, 0.155, 0.115, 0.105), flat, everything, everything, (), look, view)
-    progress(0.0, "the figures of the sheets")
+    progress(0.0, "collecting the figures of the sheets")
     y = HEIGHT - 0.045
     for name, value in _figures(sheets, figures, len(layout.patches)):
         page.draw_text(name, (0.135, y), 0.0032, GREY)

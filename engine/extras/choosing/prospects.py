@@ -76,7 +76,7 @@ def find_prospects(
         ways.append((ROUND_FOLDS, replace(piece, mesh=smooth)))
     promise = _PredictionFilter(piece, design.flat, progress.quiet())
     reached: dict[str, float] = {}
-    for name, what in progress.each(ways, "What would bring it nearer"):
+    for name, what in progress.each(ways, "Looking for what would bring it nearer"):
         quiet = progress.quiet()
         if name == CUT:
             percent = _distance_with_cuts(piece, what, promise, quiet)

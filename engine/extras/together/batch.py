@@ -112,7 +112,7 @@ def nest_batch(parts: Sequence[BatchPiece], params: SheetParams, progress: Progr
     panels: list[Panel] = []
     keys: list[Panel] = []
     labels, small = np.zeros(2, dtype=int), []
-    for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "labels")):
+    for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "placing labels")):
         mark = seam_name(copy) if len(of) > 1 else ""
         made, of_copy = _engraved_copy(parts[k], copy, mark, params)
         labels += [of_copy.engraved_count, of_copy.left_out_count]

@@ -176,7 +176,7 @@ def connect(
             if tip.joined_arms.own is half:
                 full[tip.row] = tip.widening.taper_start[0]
         taken.ravel()[half.arm] = np.maximum(half.arc_lengths(full), 0.0)
-    progress(0.8, "outlines with connectors")
+    progress(0.8, "drawing outlines with connectors")
     drawn = design.outlines(tolerance, space.tips_as_arcs(tips, design.arm_starts, tolerance), progress.part(0.82, 1.0))
     return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 
@@ -218,14 +218,14 @@ class _CandidateQueues:
             each = 1 if first else max(1, min(few, CANDIDATES_AT_ONCE // len(waiting)))
             for place, joint in enumerate(waiting):
                 if not first and place % CANDIDATES_AT_ONCE == 0:
-                    progress(len(found) / len(joints), "connectors")
+                    progress(len(found) / len(joints), "placing connectors")
                     self.space.measure_free_widths(waiting[place : place + CANDIDATES_AT_ONCE])
                 more = list(islice(self.untested[joint], each))
                 tries += [(joint, candidate) for candidate in more]
                 if not more:
                     found[joint] = None
             for begin in range(0, len(tries), CANDIDATES_AT_ONCE):
-                progress(len(found) / len(joints), "connectors")
+                progress(len(found) / len(joints), "placing connectors")
                 self._test_candidates(tries[begin : begin + CANDIDATES_AT_ONCE])
             for joint in waiting:
                 if self.fitting[joint]:
@@ -251,7 +251,7 @@ def _choose_connectors(space: FreeSpace, progress: Progress) -> list[_Choice | N
     # while two tips are too close to each other, replace the connector of the larger tip by its next candidate
     changed = set(every)
     for turn in range(50):
-        progress(0.9 + 0.002 * turn, "connectors that are too near to each other")
+        progress(0.9 + 0.002 * turn, "separating connectors")
         giving = _joints_too_close(space, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
         if not giving:
             break
@@ -285,7 +285,7 @@ def _joints_too_close(
     # test tips within each flat panel, and tips of two panels that are joined
     for shapes in (flat, mated):
         around = shapely.box(*(shapely.bounds(shapes[fresh]) + slot * np.array([-1.0, -1.0, 1.0, 1.0])).T)
-        for part in progress.batches(len(fresh), _TIPS_AT_ONCE, "connectors that are too near to each other"):
+        for part in progress.batches(len(fresh), _TIPS_AT_ONCE, "separating connectors"):
             one, two = tree.query(around[part])
             one = fresh[part][one]
             other = one != two if shapes is flat else owner[one] != owner[two]

@@ -221,7 +221,7 @@ class FreeSpace:
     def _make_obstacles(self, progress: Progress) -> Obstacles:
         """Return all hubs, and all arms split into pieces, in a common plane where panels do not overlap."""
         patch_of, found = self.design.flat.layout.patch_of, []
-        for part in progress.batches(len(patch_of), _QUADS_AT_ONCE, "what is near the joints"):
+        for part in progress.batches(len(patch_of), _QUADS_AT_ONCE, "looking for what is near the joints"):
             found.append(self._pieces(np.arange(part.start, part.stop)))
         rings, arm, quad = (np.concatenate(x) for x in zip(*found, strict=True))
         return Obstacles(rings + self.patch_spacing * patch_of[quad][:, None], arm)

@@ -153,13 +153,13 @@ def make_labels(
             small.append(SmallLabel(text, patch, places, is_engraved=bool(label.letters)))
 
     for patch, quads in enumerate(layout.patches):
-        progress(0.2 + 0.3 * patch / len(layout.patches), "labels")
+        progress(0.2 + 0.3 * patch / len(layout.patches), "placing labels")
         text = panel_name(numbers[patch], mark)
         ends = lines.points[quads][layout.outline_sides[quads]][:, 0]
         label = _panel_label(text, quads, lines, names, params.label_height)
         add(label, text, patch, ends[:: max(-(-len(ends) // _PLACES), 1)])
     for number, ((quad, side), joint) in enumerate(names.items()):
-        progress(0.5 + 0.5 * number / len(names), "labels")
+        progress(0.5 + 0.5 * number / len(names), "placing labels")
         text, patch = with_mark(joint, mark), int(layout.patch_of[quad])
         add(_joint_label(text, quad, side, lines, params), text, patch, lines.points[quad, side, :1])
     left_out = sum(not one.is_engraved for one in small)
@@ -206,7 +206,7 @@ class _LabelPlaces:
         self.occupied_lengths = taken
         end = np.minimum(hubs.left, np.roll(hubs.right, 1, axis=1))
         points, widths = [], []
-        for part in progress.batches(len(end), _TOGETHER, "labels"):
+        for part in progress.batches(len(end), _TOGETHER, "placing labels"):
             some, t = (
                 arms.subset(np.arange(part.start, part.stop)),
                 end[part, :, None] * np.linspace(0.0, 1.0, _SAMPLES),

@@ -140,7 +140,7 @@ def _sheet_solids(sheets: CutSheets, index: int, progress: Progress) -> list[Tri
     panels = sheets.panels_on_sheet(index)
     solids = []
     for number, panel in enumerate(panels):
-        progress(0.7 * number / len(panels), f"solids of sheet {index + 1}")
+        progress(0.7 * number / len(panels), f"building the solids of sheet {index + 1}")
         solids.append(extrude_panel(panel, sheets.thickness, nozzle=sheets.cut.nozzle))
     return solids
 

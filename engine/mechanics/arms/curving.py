@@ -202,7 +202,7 @@ def second_order_strains(
     """
     out = np.empty((len(at_joint), 6, 6, 6))
     for start in range(0, len(out), BATCH):
-        progress(start / len(out), "Second order of the strains")
+        progress(start / len(out), "Computing second-order strains")
         part = slice(start, start + BATCH)
         some, apart = arms.subset(part), 0.125 * (lever[part, 1] - lever[part, 0])
         found = Stations.from_arms(some).bilinear(_wrench_and_turn(some, at_joint[part])).reshape(-1, 6, 36)

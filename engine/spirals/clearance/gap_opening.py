@@ -46,7 +46,7 @@ def open_gaps(
     """
     least, quads = np.minimum(low[:, None], width), np.ones(len(twist), dtype=bool)
     for turn in range(SLOPE_ROUNDS):
-        progress(turn / ROUNDS, "room between the arms")
+        progress(turn / ROUNDS, "making room between the arms")
         terms = model.clearances(width, twist, below=0.0, quads=quads)
         if not len(terms.value):
             return width, twist
@@ -64,7 +64,7 @@ def open_gaps(
         quads = np.zeros(len(twist), dtype=bool)
         quads[terms.arms // 4] = True
     for turn in range(SLOPE_ROUNDS, ROUNDS):
-        progress(turn / ROUNDS, "room between the arms")
+        progress(turn / ROUNDS, "making room between the arms")
         quads = model.quads_with_closed_gaps(width, twist, quads) & free
         straight = quads & (twist == 0.0)
         width = np.where(straight[:, None], np.maximum((1.0 - MAX_THIN) * width, least), width)

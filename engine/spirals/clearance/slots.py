@@ -186,7 +186,7 @@ def twist_bound(
     open_ = open_[~good]
     high = np.minimum(high, twist_limit(2.0 * pure.radius.max(axis=1), tightest, slot) + 0.1)
     for turn in range(12):
-        progress(turn / 12, "room for the twist")
+        progress(turn / 12, "making room for the twist")
         middle = 0.5 * (low[open_] + high[open_])
         good = fits(open_, middle)
         low[open_] = np.where(good, middle, low[open_])

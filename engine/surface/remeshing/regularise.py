@@ -128,7 +128,7 @@ def _square_up(
     points = before = mesh.vertices
     hold = _MoveWeights(mesh, np.ones(len(mesh.quads)), np.zeros(len(points)))
     for done in range(rounds):
-        progress(0.9 * done / rounds, "regularise")
+        progress(0.9 * done / rounds, "making quads squarer")
         if done % EVERY == EVERY - 1:
             worse, away = _spoilt_quads(mesh, points, 0.8)
             tight = _tight_quads(mesh, points, SPARE) if with_room else np.zeros_like(away)
@@ -227,7 +227,7 @@ def _repair_spoilt_quads(
     mesh = guide.mesh
     back = np.zeros(len(points), dtype=bool)
     for done in range(MENDING):
-        progress(done / MENDING, "regularise")
+        progress(done / MENDING, "making quads squarer")
         worse, away = _spoilt_quads(mesh, points)
         if not (worse | away).any():
             return points

@@ -232,7 +232,7 @@ class _BodySearch:
                         break
                     maps -= 1
                     judged = _quads_along_curvature(
-                        surface, self._whole, self._count, how, self._report_attempt("Quads along the curvature")
+                        surface, self._whole, self._count, how, self._report_attempt("Remeshing along the curvature")
                     )
                     yield judged
                     if isinstance(judged, str):
@@ -247,7 +247,9 @@ class _BodySearch:
             if any(not one.faults[1] for one in self.results):
                 return
         if self._clean and not is_closed(self._small):
-            yield from _quads_by_cells(self._small, self._whole, self._count, self._tool, self._report_attempt("Cells"))
+            yield from _quads_by_cells(
+                self._small, self._whole, self._count, self._tool, self._report_attempt("Remeshing by cells")
+            )
 
     def _quads_by_halves(self) -> Iterator[SoundQuads]:
         """Yield sound symmetric quads, a half and its mirror image; yield nothing on failure, as other attempts follow."""
@@ -259,7 +261,7 @@ class _BodySearch:
             return
         search = _BodySearch(side, round(self._count / 2), self._tool, self._name, others)
         try:
-            search.run(self._report_attempt("One half"), True)
+            search.run(self._report_attempt("Remeshing one half"), True)
         except FlexMapsError:
             return
         edge = (self._whole.area / self._count) ** 0.5
@@ -285,7 +287,7 @@ class _BodySearch:
         """Return the tool's quads for ``how``, a row of ``QUADRIFLOW_ATTEMPTS``, repaired and rated, or the reason of the failure."""
         seed, factor, times, sharp = how
         asked = max(MIN_QUADS, round(factor * self._count / 4**times))
-        raw = self._tool.quads(surface, asked, seed, sharp, self._report_attempt("QuadriFlow"))
+        raw = self._tool.quads(surface, asked, seed, sharp, self._report_attempt("Remeshing by QuadriFlow"))
         if raw is None or not len(raw.sizes):
             return "QuadriFlow finds none"
         return repair_and_rate(raw, self._whole, self._count, times, sharp)

@@ -128,7 +128,7 @@ def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monke
         0.01 * at_rest.target_distances["rms_percent"] * at_rest.target.diagonal, rel=1e-3
     )
     assert events.index("shown") < events.index("limits")
-    assert "Starting shapes" in events[events.index("shown") :]
+    assert "Finding starting shapes" in events[events.index("shown") :]
 
 
 @pytest.mark.parametrize(
