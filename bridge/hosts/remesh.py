@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import bpy
@@ -80,7 +81,8 @@ def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene)
     if np.linalg.det(frame[:3, :3]) < 0:
         corners = corners[:, [0, 3, 2, 1]]
     local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T
-    mesh = meshes.make_polygon_mesh(f"{obj.name} quads", local, corners.ravel(), quads.sizes)
+    name = re.sub(r" quads(\.\d+)?$", "", obj.name)  # quads may be remeshed again
+    mesh = meshes.make_polygon_mesh(f"{name} quads", local, corners.ravel(), quads.sizes)
     made = bpy.data.objects.new(mesh.name, mesh)
     made.matrix_world = obj.matrix_world.copy()
     for collection in obj.users_collection or (scene.collection,):

@@ -188,6 +188,9 @@ def test_quads_are_made_again_from_what_the_first_ones_were_made_from_until_they
     bpy.ops.flexmaps.quad_remesh(quads=100)
     heights = [abs(vertex.co.z) for vertex in bpy.context.object.data.vertices]
     assert max(heights) < 0.6
+    assert [one.name for one in (coarse, fine, bpy.context.object)] == [
+        f"Sphere quads{k}" for k in ("", ".001", ".002")
+    ]
 
 
 def test_plates_that_meet_at_an_edge_can_be_laid_out(add: Any) -> None:
