@@ -21,9 +21,9 @@ class AddRemnant(FileDialogOperator, ImmediateOperator, ObjectOperator, bpy.type
     filter_glob: bpy.props.StringProperty(default="*.dxf;*.svg", options={"HIDDEN"})  # type: ignore[valid-type]
 
     def run(self, context: bpy.types.Context) -> str:
-        from ..engine.fabrication.nesting.remnants import SEPARATOR, read_remnant_file
+        from ..engine.fabrication.nesting.remnants import SEPARATOR, read_file
 
-        remnants = read_remnant_file(Path(bpy.path.abspath(self.filepath)))
+        remnants = read_file(Path(bpy.path.abspath(self.filepath)))
         sheet = context.object.flexmaps.sheet
         sheet.remnants = SEPARATOR.join([*filter(None, [sheet.remnants.strip()]), bpy.path.abspath(self.filepath)])
         sizes = ", ".join(f"{1e3 * one.size[0]:.0f} x {1e3 * one.size[1]:.0f} mm" for one in remnants)

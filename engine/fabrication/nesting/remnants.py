@@ -67,11 +67,11 @@ def read_remnants(files: str, unit: str = "mm") -> list[Remnant]:
     """
     found: list[Remnant] = []
     for name in filter(None, map(str.strip, files.split(SEPARATOR))):
-        found += read_remnant_file(Path(name), unit)
+        found += read_file(Path(name), unit)
     return found
 
 
-def read_remnant_file(path: Path, unit: str = "mm") -> list[Remnant]:
+def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
     """Read the pieces drawn in a file, largest first.
 
     Parameters

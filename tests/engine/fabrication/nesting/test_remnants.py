@@ -68,7 +68,7 @@ def test_an_outline_with_a_hole_is_read(tmp_path: Path, name: str) -> None:
         made = as_svg(path, 'viewBox="0 0 300 250" width="11.811023622in" height="9.8425196850in"')
     else:
         made = as_svg(path) if name.endswith("svg") else as_dxf(path, *((1, 25.4) if "inch" in name else (4, 1.0)))
-    (found,) = remnants.read_remnant_file(made)
+    (found,) = remnants.read_file(made)
     assert found.size == pytest.approx([0.3, 0.25], rel=1e-6)
     assert 1e6 * found.polygon.area == pytest.approx(AREA, rel=1e-4) and len(found.holes) == 1
     # the right way up: the tall part lies on the left
@@ -83,7 +83,7 @@ def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
         '<g transform="rotate(30) scale(2)"><circle cx="100" cy="0" r="50"/>'
         '<path d="M 90 0 a 10 10 0 1 0 20 0 a 10 10 0 1 0 -20 0 z"/></g></svg>', encoding="utf-8",
     )  # fmt: skip
-    (found,) = remnants.read_remnant_file(path)
+    (found,) = remnants.read_file(path)
     assert found.size == pytest.approx([0.2, 0.2], rel=1e-3)
     assert found.polygon.area == pytest.approx(np.pi * (0.1**2 - 0.02**2), rel=2e-3)
     document = ezdxf.new()
@@ -111,7 +111,7 @@ def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
 def test_what_is_no_drawing_is_refused(tmp_path: Path, name: str, text: str, says: str) -> None:
     (tmp_path / name).write_text(text, encoding="utf-8")
     with pytest.raises(FlexMapsError, match=says):
-        remnants.read_remnant_file(tmp_path / name)
+        remnants.read_file(tmp_path / name)
     with pytest.raises(FlexMapsError, match="Cannot read the remnant"):
         remnants.read_remnants(str(tmp_path / "nowhere.dxf"))
 
@@ -125,15 +125,15 @@ def test_a_drawing_is_too_large_from_twenty_metres_on(tmp_path: Path) -> None:
             f'<path d="M 0 0 v {side} h 9 z"/>',
         )
         if fits:
-            assert len(remnants.read_remnant_file(path)) == 2
+            assert len(remnants.read_file(path)) == 2
             continue
         with pytest.raises(FlexMapsError, match="20 m large"):
-            remnants.read_remnant_file(path)
+            remnants.read_file(path)
 
 
 def test_pieces_up_to_a_square_centimetre_are_ignored(tmp_path: Path) -> None:
     squares = '<rect x="1000" width="10.1" height="10" /><rect x="1020" width="9.9" height="10"/>'
-    sizes = [found.size for found in remnants.read_remnant_file(as_svg(tmp_path / "a.svg", inside=squares))]
+    sizes = [found.size for found in remnants.read_file(as_svg(tmp_path / "a.svg", inside=squares))]
     assert [round(1e3 * float(x), 3) for size in sizes for x in size] == [300.0, 250.0, 10.1, 10.0]
 
 

@@ -204,7 +204,7 @@ def test_a_form_has_its_size(tmp_path: Path, name: str) -> None:
     draw, wanted = FORMS[name]
     draw(document, document.modelspace())
     document.saveas(tmp_path / "form.dxf")
-    found = remnants.read_remnant_file(tmp_path / "form.dxf")
+    found = remnants.read_file(tmp_path / "form.dxf")
     assert [(*(1e3 * r.size), len(r.holes)) for r in found] == [pytest.approx(w, abs=0.01) for w in wanted]
     assert not any("unit" in remark for r in found for remark in r.remarks)
 
@@ -214,7 +214,7 @@ def test_versions(tmp_path: Path, version: str) -> None:
     document = ezdxf.new(version, units=4)
     lines(document.modelspace(), RECT)
     document.saveas(tmp_path / "a.dxf")
-    assert 1e3 * remnants.read_remnant_file(tmp_path / "a.dxf")[0].size == pytest.approx([200, 100])
+    assert 1e3 * remnants.read_file(tmp_path / "a.dxf")[0].size == pytest.approx([200, 100])
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,7 @@ def test_units(tmp_path: Path, code: int, unit: float) -> None:
     document = ezdxf.new(units=code)
     document.modelspace().add_lwpolyline(np.array(RECT) / unit, close=True)
     document.saveas(tmp_path / "a.dxf")
-    (found,) = remnants.read_remnant_file(tmp_path / "a.dxf", "in")
+    (found,) = remnants.read_file(tmp_path / "a.dxf", "in")
     assert 1e3 * found.size == pytest.approx([200, 100], abs=0.01) and not found.remarks
 
 
@@ -233,7 +233,7 @@ def test_ways_to_write(tmp_path: Path, binary: bool) -> None:
     document = ezdxf.new("R2010", units=4)
     rect(document.modelspace())
     document.saveas(tmp_path / "a.dxf", fmt="bin" if binary else "asc")
-    assert 1e3 * remnants.read_remnant_file(tmp_path / "a.dxf")[0].size == pytest.approx([200, 100])
+    assert 1e3 * remnants.read_file(tmp_path / "a.dxf")[0].size == pytest.approx([200, 100])
 
 
 def bare(kind: str) -> str:
@@ -268,7 +268,7 @@ def test_entities_alone(tmp_path: Path, kind: str, damage: str, unit: str, scale
     (tmp_path / "bare.dxf").write_bytes(
         text.replace("210", "21").replace("110", "11").encode() if unit == "m" else text.encode()
     )
-    (found,) = remnants.read_remnant_file(tmp_path / "bare.dxf", unit)
+    (found,) = remnants.read_file(tmp_path / "bare.dxf", unit)
     wanted = [11e3, 1e3] if unit == "m" else [200 * scale, 100 * scale]
     assert 1e3 * found.size == pytest.approx(wanted, abs=0.01)
     assert found.remarks == (f"bare.dxf names no unit: its lengths are read as {unit}",)

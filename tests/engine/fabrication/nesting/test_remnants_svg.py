@@ -100,7 +100,7 @@ def written(path: Path, head: str, inside: str, before: str = "") -> Path:
 @pytest.mark.parametrize("name", FORMS)
 def test_a_form_has_its_size(tmp_path: Path, name: str) -> None:
     head, inside, wanted = FORMS[name]
-    found = remnants.read_remnant_file(written(tmp_path / "form.svg", head, inside))
+    found = remnants.read_file(written(tmp_path / "form.svg", head, inside))
     assert [(*(1e3 * r.size), len(r.holes)) for r in found] == [pytest.approx(w, abs=0.01) for w in wanted]
     assert not any("unit" in remark for r in found for remark in r.remarks)
 
@@ -108,7 +108,7 @@ def test_a_form_has_its_size(tmp_path: Path, name: str) -> None:
 def test_entities_of_the_document(tmp_path: Path) -> None:
     before = '<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY w "200">]>'
     path = written(tmp_path / "a.svg", PLAIN, '<rect width="&w;" height="100"/>', before)
-    assert 1e3 * remnants.read_remnant_file(path)[0].size == pytest.approx([200, 100], abs=0.01)
+    assert 1e3 * remnants.read_file(path)[0].size == pytest.approx([200, 100], abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_entities_of_the_document(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("unit", "scale"), [("mm", 1.0), ("in", 25.4), ("px", PX)])
 def test_lengths_without_a_unit(tmp_path: Path, head: str, unit: str, scale: float) -> None:
     inside = f'{RECT}<circle cx="9mm" cy="9mm" r="9mm" transform="translate(400)"/>'
-    found = remnants.read_remnant_file(written(tmp_path / "bare.svg", head, inside), unit)
+    found = remnants.read_file(written(tmp_path / "bare.svg", head, inside), unit)
     large = max(found, key=lambda r: r.size[0])
     assert 1e3 * large.size == pytest.approx([200 * scale, 100 * scale], abs=0.01)
     assert any(1e3 * r.size == pytest.approx([18, 18], abs=0.01) for r in found)
@@ -135,7 +135,7 @@ def test_lengths_without_a_unit(tmp_path: Path, head: str, unit: str, scale: flo
 )
 def test_what_is_not_read_is_named(tmp_path: Path, inside: str, says: str) -> None:
     with pytest.raises(FlexMapsError, match=says):
-        remnants.read_remnant_file(written(tmp_path / "a.svg", PLAIN, inside))
+        remnants.read_file(written(tmp_path / "a.svg", PLAIN, inside))
 
 
 @pytest.mark.parametrize(
@@ -148,5 +148,5 @@ def test_what_is_not_read_is_named(tmp_path: Path, inside: str, says: str) -> No
     ],
 )
 def test_what_may_change_the_form_is_remarked(tmp_path: Path, inside: str, says: str) -> None:
-    (found,) = remnants.read_remnant_file(written(tmp_path / "a.svg", PLAIN, inside))
+    (found,) = remnants.read_file(written(tmp_path / "a.svg", PLAIN, inside))
     assert found.remarks == (f"a.svg holds what is not read: {says}",)
