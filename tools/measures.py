@@ -297,23 +297,30 @@ def names_twice() -> list[Place]:
 
 
 REFERENCE = re.compile(r"``([A-Za-z_][\w.]*)``")  # names that a docstring refers to
+# names of code that a page refers to: of constants, and of what a module or class holds, but of no file
+PAGE_REFERENCE = re.compile(r"`((?:[A-Za-z_]\w*\.)?[A-Z][A-Z_]+|[A-Z]\w+\.[a-z]\w+)`")
 WORD = re.compile(r"[A-Za-z_]\w*")
 
 
 def dangling() -> list[Place]:
-    """Return names in double backquotes in docstrings, a part of which occurs nowhere in the code: neither as a name nor in a string."""
+    """Return names in backquotes in docstrings and pages, a part of which is neither a name in the code nor in a string there."""
     files = [*package(), *sources(DATABASE)]
     texts = [(path, node, text) for path in files for node, text in _docstrings(path)]
     known = set(sys.stdlib_module_names) | {part for path in [*files, *sources(*BESIDE)] for part in dotted(path)}
-    for path in [*files, *sources("tools")]:
+    for path in [*files, *sources(*BESIDE)]:
         own = {id(node) for node, _ in _docstrings(path)}
         for node in ast.walk(parse(path)):
             if id(node) not in own:
                 known.update(_words(node))
+    references = [(path, node.lineno, name) for path, node, text in texts for name in REFERENCE.findall(text)]
+    for page in sorted([*ROOT.glob("CONTRIBUTING.md"), *(ROOT / "docs").glob("*.md")]):
+        if page.name == "guide.md":  # for users: names in files, not in the code
+            continue
+        for number, line in enumerate(page.read_text(encoding="utf-8").splitlines(), 1):
+            references += [(page, number, name) for name in PAGE_REFERENCE.findall(line)]
     return [
-        Place(path.relative_to(ROOT).as_posix(), node.lineno, f"no {name}")
-        for path, node, text in texts
-        for name in REFERENCE.findall(text)
+        Place(path.relative_to(ROOT).as_posix(), number, f"no {name}")
+        for path, number, name in references
         if not set(WORD.findall(name)) <= known
     ]
 

@@ -77,6 +77,8 @@ def test_a_house_in_order(house: Path, measures: ModuleType) -> None:
         ("names that stand twice", "api/pieces.py", "class A: ...\n\nclass A: ...\n", ["api/pieces.py:1", "api/pieces.py:3"]),
         ("names that stand twice", "api/pieces.py", "def f():\n    def of(): ...\n", ["api/pieces.py:2"]),
         ("references to no name", "engine/lost.py", "\"\"\"See ``files.LARGEST`` and ``files.gone``.\"\"\"\n", ["engine/lost.py:1"]),
+        ("references to no name", "docs/tuning.md", "`LARGEST`, `files.py`\n\n`files.GONE`, `Lost.f`\n", ["docs/tuning.md:3", "docs/tuning.md:3"]),
+        ("references to no name", "CONTRIBUTING.md", "`GONE`, as in GONE\n", ["CONTRIBUTING.md:1"]),
     ],
 )  # fmt: skip
 def test_what_is_out_of_order_is_named(

@@ -210,9 +210,9 @@ class _BodySearch:
         best = replace(self.best_quads, vertices=(self.best_quads.vertices - self._middle) * self._scale)
         return warn_of_gaps(best, target_surface(best), self._whole, count, first)
 
-    def _report_attempt(self, text: str) -> Progress:
+    def _report_attempt(self, method: str) -> Progress:
         self._attempt_count += 1
-        self._progress(1.0 - 0.75**self._attempt_count, f"{text}{self._name}")
+        self._progress(1.0 - 0.75**self._attempt_count, f"Remeshing by {method}{self._name}")
         return self._progress.quiet()
 
     def _attempts(self) -> Iterator[SoundQuads | str]:
@@ -232,7 +232,7 @@ class _BodySearch:
                         break
                     maps -= 1
                     judged = _quads_along_curvature(
-                        surface, self._whole, self._count, how, self._report_attempt("Remeshing along the curvature")
+                        surface, self._whole, self._count, how, self._report_attempt("curvature")
                     )
                     yield judged
                     if isinstance(judged, str):
@@ -247,9 +247,7 @@ class _BodySearch:
             if any(not one.faults[1] for one in self.results):
                 return
         if self._clean and not is_closed(self._small):
-            yield from _quads_by_cells(
-                self._small, self._whole, self._count, self._tool, self._report_attempt("Remeshing by cells")
-            )
+            yield from _quads_by_cells(self._small, self._whole, self._count, self._tool, self._report_attempt("cells"))
 
     def _quads_by_halves(self) -> Iterator[SoundQuads]:
         """Yield sound symmetric quads, a half and its mirror image; yield nothing on failure, as other attempts follow."""
@@ -261,7 +259,7 @@ class _BodySearch:
             return
         search = _BodySearch(side, round(self._count / 2), self._tool, self._name, others)
         try:
-            search.run(self._report_attempt("Remeshing one half"), True)
+            search.run(self._report_attempt("halves"), True)
         except FlexMapsError:
             return
         edge = (self._whole.area / self._count) ** 0.5
@@ -287,7 +285,7 @@ class _BodySearch:
         """Return the tool's quads for ``how``, a row of ``QUADRIFLOW_ATTEMPTS``, repaired and rated, or the reason of the failure."""
         seed, factor, times, sharp = how
         asked = max(MIN_QUADS, round(factor * self._count / 4**times))
-        raw = self._tool.quads(surface, asked, seed, sharp, self._report_attempt("Remeshing by QuadriFlow"))
+        raw = self._tool.quads(surface, asked, seed, sharp, self._report_attempt("QuadriFlow"))
         if raw is None or not len(raw.sizes):
             return "QuadriFlow finds none"
         return repair_and_rate(raw, self._whole, self._count, times, sharp)
