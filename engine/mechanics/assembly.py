@@ -124,15 +124,12 @@ class RimNodes:
     def at_rest(cls, hub: np.ndarray, offset: Float[np.ndarray, "nodes 3"]) -> RimNodes:
         """Return the nodes at rest, in the flat sheet.
 
-        Parameters
-        ----------
-        hub : hub of every node
-        offset : metres from their hubs
+        hub : (b,) index of every node's hub; offset : (b, 3) vectors from the hubs to the nodes, metres
         """
         return cls(hub, offset, np.broadcast_to(np.eye(3), (len(hub), 3, 3)))
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> RimNodes:
-        """Return the nodes of some hubs; ``hub`` of the result counts in the order of ``hubs``."""
+        """Return the nodes of the hubs with the indices ``hubs``; ``hub`` of the result indexes ``hubs``."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)
         number[hubs] = np.arange(len(hubs))
         kept = number[self.hub] >= 0
@@ -143,7 +140,8 @@ class RimNodes:
 class CutSettings:
     """Settings of how arms are cut.
 
-    blend : length of the shortest blends, in t; fillet : radius, metres
+    blend : length of the shortest blends, in t
+    fillet : radius of the fillets at the hubs, metres
     """
 
     blend: float
@@ -154,18 +152,21 @@ class CutSettings:
 class Assembly:
     """n spirals and m joints at rest.
 
-    pairs : (m, 2) int, the two spirals of every joint; sides : (m, 2) int, which of their arms meet there
-    lever : (m, 2, 3) metres, from the centre of spiral pairs[e, k] to the joint, in the flat frame of its patch
-    axes : (m, 2, 3, 3) columns: across the shared edge from the first spiral to the second, along the edge, normal; in
-        the flat frame of the patch of spiral pairs[e, k]. At rest the axes of both sides coincide.
-    width : (n, 4) metres of every spiral's arms; twist : (n,) radians
-    thickness : metres, of the sheet
+    pairs : (m, 2) indices of the two spirals of every joint
+    sides : (m, 2) indices (0 to 3) of the arms of these spirals that meet at the joint
+    lever : (m, 2, 3) vectors from the centres of both spirals to the joint, metres, each in the flat frame of its
+        spiral's patch
+    axes : (m, 2, 3, 3) axes of the joint as columns: across the shared edge from the first spiral to the second, along
+        the edge, normal. They are given in the flat frames of both spirals' patches; in the joined piece they coincide
+    width : (n, 4) widths of every spiral's arms, metres
+    twist : (n,) radians
+    thickness : of the sheet, metres
     clockwise : True if the arms turn clockwise from the tips inwards
     cut : how the arms are cut; None for pure spirals with the fillets of the stiffness table
-    grain : radians from the x axes of the flat patches to the sheet's grain; unused for sheets without a grain
+    grain : angle from the x axes of the flat patches to the sheet's grain, radians; unused for sheets without a grain
     rim : nodes of the rim and their joints; None without a rim
-    nodes : number of rim nodes that are appended to the spirals, 0 before ``whole`` appends them; the rim's joints are
-        then the last joints
+    nodes : number of rim nodes in the arrays. ``whole`` appends the nodes to the spirals and the rim's joints to the
+        joints; before that, it is 0
     """
 
     pairs: Int[np.ndarray, "joints 2"]
@@ -183,7 +184,7 @@ class Assembly:
 
     @property
     def size(self) -> int:
-        """Number of spirals plus number of the rim's nodes that are appended to them."""
+        """Number of bodies: the spirals and the rim's nodes that are appended to them."""
         return len(self.width)
 
     @property
@@ -198,12 +199,12 @@ class Assembly:
 
     @property
     def tie_joints(self) -> slice:
-        """Slice of the joints between arms at the border and the rim's nodes."""
+        """Slice of the joints between an arm at the border and the neck of a rim's node."""
         return slice(self.n_inner_joints, self.n_inner_joints + self.nodes)
 
     @cached_property
     def hub_pairs(self) -> Int[np.ndarray, "joints 2"]:
-        """``pairs``, with every node replaced by its hub."""
+        """``pairs`` with the indices of rim nodes replaced by those of the hubs to which their necks lead."""
         if not self.nodes or self.rim is None:
             return self.pairs
         node = np.clip(self.pairs - self.spirals, 0, None)
@@ -211,7 +212,11 @@ class Assembly:
 
     @cached_property
     def whole(self) -> Assembly:
-        """The assembly with the rim's nodes appended to the spirals, its joints to the joints; itself without a rim."""
+        """The assembly with the rim's nodes appended to the spirals and the rim's joints to the joints.
+
+        An assembly without a rim is returned unchanged. The appended joints are first the ``tie_joints``, then those
+        between neighbouring nodes (the strips).
+        """
         rim = self.rim
         if rim is None or self.nodes:
             return self
@@ -240,7 +245,7 @@ class Assembly:
 
     @property
     def without_strips(self) -> Assembly:
-        """``whole`` without the joints between the rim's nodes."""
+        """``whole`` without the strips, which are the joints between two rim nodes."""
         whole = self.whole
         if whole.rim is None:
             return whole
@@ -249,27 +254,30 @@ class Assembly:
 
     @cached_property
     def arm_width(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) metres, widths of both arms of every joint."""
+        """Widths (m, 2) of both arms of every joint, metres."""
         return self.width[self.pairs, self.sides]
 
     @cached_property
     def radius(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) metres from the centres of both spirals to the joint."""
+        """Distances (m, 2) from the centres of both spirals to the joint, metres."""
         return np.linalg.norm(self.lever, axis=2)
 
     @cached_property
     def radial(self) -> Float[np.ndarray, "joints 2 3 3"]:
-        """(m, 2, 3, 3) columns: along every arm's radius outwards, to its left, normal; in the joint's axes."""
+        """Unit vectors of both arms of every joint, as columns (m, 2, 3, 3), in the joint's axes.
+
+        Column 0 points along the arm's radius outwards, column 1 to its left, column 2 along the normal.
+        """
         out = np.einsum("ekji,ekj->eki", self.axes, self.lever) / self.radius[..., None]
         normal = np.broadcast_to([0.0, 0.0, 1.0], out.shape)
         return np.stack([out, np.cross(normal, out), normal], axis=3)
 
     @cached_property
     def arm_axes(self) -> Float[np.ndarray, "joints 2 6 6"]:
-        """(m, 2, 6, 6) matrices that rotate shifts and turns, or forces and moments, from every arm's own axes (see
-        ``radial``) to the joint's axes.
+        """Matrices (m, 2, 6, 6) that rotate motions or wrenches from the own axes of both arms to the joint's axes.
 
-        Arms that wind clockwise have their second axis to the right: they are mirror images.
+        The own axes are the columns of ``radial``. For arms that wind clockwise the second axis points to the right,
+        and turns and moments have the signs of the mirror image.
         """
         out = np.zeros((*self.pairs.shape, 6, 6))
         out[..., :3, :3] = out[..., 3:, 3:] = self.radial
@@ -277,33 +285,32 @@ class Assembly:
 
     @property
     def grain_angles(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) radians from every arm's radius to the grain; positive is the side to which arms wind inwards."""
+        """Angles (m, 2) from the arms' radii to the grain, radians, positive to the side to which arms wind inwards."""
         return (self.grain - np.arctan2(self.lever[..., 1], self.lever[..., 0])) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
     def lever_normals(self) -> Float[np.ndarray, "joints 2 3"]:
-        """(m, 2, 3) metres, the levers turned by a right angle in the sheet, to the side to which the arms wind
-        inwards."""
+        """The vectors ``lever`` rotated by a right angle in the sheet, to the side to which the arms wind inwards."""
         return np.cross([0.0, 0.0, 1.0], self.lever) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
     def bend_points(self) -> tuple[Float[np.ndarray, "joints 2 2"], Float[np.ndarray, "joints 2 2"]]:
-        """(m, 2, 2) bend points of both arms of every joint, and derivatives by their twists (see ``arm_bend``)."""
+        """Bend points (m, 2, 2) of both arms of every joint, and their derivatives by the twists, as ``bend_point``."""
         value, slope = (found[self.pairs] for found in bend_point(self.twist))
         if self.nodes:
-            # a neck is so stiff that the whole turn happens in the arm beyond it
+            # a neck is so stiff that the arm that it joins to the rim takes on the whole turn of their joint
             ties = self.tie_joints
             value[ties, 0], slope[ties, 0] = bend_point(self.twist[self.pairs[ties, 0]], 1.0)
             value[ties, 1], slope[ties, 1], slope[ties.stop :] = [1.0, 0.0], 0.0, 0.0
         return value, slope
 
     def part(self, hubs: np.ndarray, joints: Int[np.ndarray, " j"]) -> Assembly:
-        """Return the assembly of some spirals, numbered in the order of ``hubs``, and some joints between them.
+        """Return the assembly of k spirals and of j joints between them.
 
         Parameters
         ----------
-        hubs : (k,) int
-        joints : (j,) int
+        hubs : (k,) indices of the spirals; they get the new indices 0 to k - 1 in this order
+        joints : (j,) indices of the joints
         """
         number = np.full(self.size, -1)
         number[hubs] = np.arange(len(hubs))
@@ -319,30 +326,19 @@ class Assembly:
         )
 
     def with_spirals(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """Return a copy with other widths and twists of the spirals.
-
-        Parameters
-        ----------
-        width : (n, 4) metres
-        twist : (n,) radians
-        """
+        """Return a copy with these widths (n, 4), metres, and twists (n,), radians, of the spirals."""
         return replace(self, width=width, twist=twist)
 
     def with_rest_geometry(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
-        """Return a copy with another rest geometry of the joints.
-
-        Parameters
-        ----------
-        lever, axes : (m, 2, 3) metres and (m, 2, 3, 3), as in ``Assembly``
-        """
+        """Return a copy whose joints have another rest geometry: other values of ``lever`` and ``axes``."""
         return replace(self, lever=lever, axes=axes)
 
 
 def assembly_from_design(design: SpiralDesign) -> Assembly:
     """Build the assembly of a design: one joint per edge between two quads, within patches and across seams.
 
-    A quad that shares no edge is a spiral without a joint. Raises FlexMapsError, with all quads as ``faces``, if no
-    quads share an edge.
+    A quad that shares no edge becomes a spiral without a joint. Raises FlexMapsError, with all quads as its ``faces``,
+    if no two quads share an edge.
     """
     mesh, corners = design.flat.layout.mesh, design.flat.corners
     inner = ~mesh.border
@@ -362,12 +358,12 @@ def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tupl
 
     Parameters
     ----------
-    mesh : the quads
-    corners : (F, 4, 2) metres, flat
+    mesh : the quads; it has a joint on each of its edges between two quads, in the order of the edges
+    corners : (F, 4, 2) corners of the flat quads, metres
 
     Returns
     -------
-    (m, 2, 3) and (m, 2, 3, 3) : levers and axes, as in ``Assembly``
+    (m, 2, 3) and (m, 2, 3, 3) : ``lever`` and ``axes`` of ``Assembly``
     """
     inner = ~mesh.border
     pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
@@ -377,19 +373,19 @@ def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tupl
     lever[..., :2] = 0.5 * (start + end) - centre[pairs]
     along = np.zeros_like(lever)
     along[..., :2] = (end - start) / np.linalg.norm(end - start, axis=2, keepdims=True)
-    along[:, 1] *= -1.0  # both sides of a joint follow the edge in the direction of the first side
+    # the side of the second quad runs along the edge in the opposite direction; the axes follow that of the first quad
+    along[:, 1] *= -1.0
     normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
     axes = np.stack([np.cross(along, normal), along, normal], axis=3)
     return lever, axes
 
 
 def target_pose(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> Pose:
-    """Return the pose of hubs on a surface: each at the middle of its quad, rotated so that its flat corners fit best.
+    """Return the pose of hubs on a surface.
 
-    Parameters
-    ----------
-    mesh : the surface
-    corners : (F, 4, 2) metres, the flat quads
+    Each hub lies at the mean of its quad's corners and is rotated so that the flat quad fits these corners best.
+
+    mesh : the surface; corners : (F, 4, 2) corners of the flat quads, metres
     """
     points = mesh.vertices[mesh.quads]
     flat = np.zeros_like(points)

@@ -1,4 +1,4 @@
-"""Interface of the elastic models of an assembly, so that equilibrium and design work with any of them."""
+"""The interface that the elastic models of an assembly share; equilibrium and the search for designs use only this."""
 
 from __future__ import annotations
 
@@ -16,13 +16,15 @@ from .out_of_range import OutOfRange
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """The elastic energy near a state, to second order in the increments of ``Pose.moved``.
+    """The elastic energy near a state, to second order in the increments of the n hubs (see ``Pose.moved``).
 
-    energy : joules; per_joint : (m,) joules, of every joint
-    gradient : (n, 6) newtons and newton metres
-    hessian : (m, 12, 12) block of every joint; rows and columns: shift and turn of its first spiral, shift and turn of
-        its second
-    convex : (m, 12, 12) Gauss-Newton part of the Hessian, positive semi-definite: without second derivatives of strains
+    energy : joules
+    per_joint : (m,) energy of every joint, joules
+    gradient : (n, 6) derivatives by shift and turn of every hub, newtons and newton metres
+    hessian : (m, 12, 12) contribution of every joint to the Hessian. Rows and columns: increments of the joint's first
+        hub (shift 3, turn 3), then of its second
+    convex : (m, 12, 12) Gauss-Newton part of ``hessian``, without the second derivatives of strains; positive
+        semi-definite
     """
 
     energy: float
@@ -35,7 +37,11 @@ class Expansion:
 class ElasticModel(Protocol):
     """An elastic model of n spirals with m joints.
 
-    name : "arm" or "rod"; assembly : spirals and joints at rest; pairs : (m, 2) int, the spirals of every joint
+    A state is an object of the model that holds a pose (``state.pose``) and what was computed for it.
+
+    name : "arm" or "rod"
+    assembly : spirals and joints at rest
+    pairs : (m, 2) indices of the spirals of every joint
     """
 
     @property
@@ -48,22 +54,22 @@ class ElasticModel(Protocol):
     def pairs(self) -> np.ndarray: ...
 
     def part(self, hubs: np.ndarray, joints: np.ndarray) -> ElasticModel:
-        """Return the model of some spirals and some joints between them, without all other joints.
+        """Return the model of k spirals and j of the joints between them, without all other joints.
 
         Parameters
         ----------
-        hubs : (k,) int
-        joints : (j,) int
+        hubs : (k,) indices of the spirals
+        joints : (j,) indices of the joints
         """
 
     def scale_stiffness(self, share: np.ndarray) -> ElasticModel:
         """Return the model with the stiffness of every joint multiplied by ``share`` (m,)."""
 
     def start(self, pose: Pose) -> Any:
-        """Return the state at a pose, as if it were reached directly from rest."""
+        """Return the state at a pose, without a step that has led to it."""
 
     def energy(self, state: Any) -> float:
-        """Return the energy in joules; NaN outside the model's range."""
+        """Return the elastic energy in joules; NaN where the model cannot be evaluated."""
 
     def expand(self, state: Any, ahead: bool = False) -> Expansion:
         """Compute energy, gradient and Hessian by the increments of the hubs.
@@ -72,8 +78,9 @@ class ElasticModel(Protocol):
         ----------
         state : about which the energy is expanded
         ahead : weight the second derivatives of the strains with the stresses that the last step predicted to first
-            order, not with the state's stresses (mixed iteration of Magisano, Leonetti and Garcea, 2017). Thin shells
-            then bend much farther per step, because a finite step along a bend first stretches them.
+            order, instead of the stresses of the state (mixed iteration of Magisano, Leonetti and Garcea, 2017). A
+            finite step along a bend also stretches a thin shell, and the large stresses from that would shorten the
+            next steps; the predicted stresses are without them
         """
 
     def moved(self, state: Any, step: np.ndarray) -> Any:
@@ -86,16 +93,16 @@ class ElasticModel(Protocol):
         """
 
     def gradient_by_design(self, state: Any) -> Float[np.ndarray, "joints 12 2 5"]:
-        """Differentiate every joint's contribution to the gradient by widths and twists, at a fixed pose.
+        """Differentiate every joint's contribution to the energy's gradient by widths and twists, at a fixed pose.
 
         Returns
         -------
-        (m, 12, 2, 5) : rows as in ``Expansion.hessian``; side of the joint; four widths (per metre), then the twist
-        (per radian) of the spiral on that side
+        (m, 12, 2, 5) : axis 1: increments of both hubs, as in ``Expansion.hessian``; axis 2: side of the joint; axis 3:
+            four widths of the spiral on this side (per metre), then its twist (per radian)
         """
 
     def beyond(self) -> list[OutOfRange]:
-        """List the quantities outside the model's range, with the spirals concerned."""
+        """Return the quantities that are outside the range of the model, with the spirals that have them."""
 
     def torsion(self, state: Any) -> Float[np.ndarray, " joints"]:
         """Return the torsions (m,) of the joints, radians.
@@ -104,34 +111,37 @@ class ElasticModel(Protocol):
         """
 
     def rebuilt(self, assembly: Assembly, material: Material) -> ElasticModel:
-        """Build the model of a slightly changed assembly with the same joints; it may reuse parts that hardly change.
+        """Build the model of a slightly changed assembly; parts of this model that hardly change may be reused.
 
         Parameters
         ----------
-        assembly : spirals and joints at rest
-        material : elastic constants
-        """
-
-    def with_bending(self, factor: float) -> ElasticModel | None:
-        """Return the model with its stiffness against bending out of the sheet multiplied by ``factor``.
-
-        Return None if the model has no separate stiffness for this bending.
-        """
-
-    def wrenches(self, state: Any) -> Float[np.ndarray, "joints 6"] | None:
-        """Return the wrenches (m, 6), N and N m, of the second arm on the first at every joint; None if unknown."""
-
-    def strains(self, state: Any, material: Material) -> Float[np.ndarray, "joints 2"] | None:
-        """Return the largest surface strains (m, 2) of both arms of every joint, without fillets; None if unknown.
-
-        Parameters
-        ----------
-        state : of the joints
+        assembly : spirals and joints at rest, with the joints of this model
         material : of the sheet
         """
 
+    def with_bending(self, factor: float) -> ElasticModel | None:
+        """Return a copy whose stiffness against bending out of the sheet is multiplied by ``factor``.
+
+        Returns None if the model has no separate stiffness for this bending.
+        """
+
+    def wrenches(self, state: Any) -> Float[np.ndarray, "joints 6"] | None:
+        """Return the wrenches (m, 6) of the second arm on the first at every joint, N and N m.
+
+        Returns None if the model has no separate arms.
+        """
+
+    def strains(self, state: Any, material: Material) -> Float[np.ndarray, "joints 2"] | None:
+        """Return the largest strain (m, 2) on the surface of both arms of every joint, except in the fillets.
+
+        Returns None if the model has no separate arms. material : of the sheet
+        """
+
     def in_plane_energy(self, state: Any) -> Float[np.ndarray, " joints"] | None:
-        """Return the energy (m,) of every joint from motions in the plane of the sheet, joules; None if unknown."""
+        """Return the part (m,) of every joint's energy that comes from motions in the plane of the sheet, joules.
+
+        Returns None if the model cannot separate this part.
+        """
 
 
 class JointsOnly:
@@ -153,31 +163,35 @@ class JointsOnly:
 def sum_joint_vectors(
     blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int
 ) -> Float[np.ndarray, "spirals 6"]:
-    """Return for every spiral the sum of its parts of the joints' vectors.
+    """Sum vectors of joints, such as gradients, over the joints of every spiral.
 
     Parameters
     ----------
-    blocks : (m, 12), in the order of ``Expansion.hessian``
-    pairs : (m, 2) int, the spirals of every joint
-    size : n, number of spirals
+    blocks : (m, 12) vectors of the joints: six components for the first spiral, six for the second
+    pairs : (m, 2) indices of the spirals of every joint
+    size : number n of spirals
 
     Returns
     -------
-    (n, 6)
+    (n, 6) : for every spiral the sum of its six components over its joints
     """
     index = (pairs[..., None] * 6 + np.arange(6)).ravel()
     return np.bincount(index, weights=blocks.ravel(), minlength=6 * size).reshape(size, 6)
 
 
 class JointAssembler:
-    """Assembler of sparse matrices from blocks (m, 12, 2 K) of the joints; their sparsity pattern is computed once.
+    """Assembles sparse matrices from blocks of the m joints, with a sparsity pattern that is computed once.
 
-    A matrix (6 n, K s) holds the derivatives of six quantities per body by K quantities per spiral. The n bodies are
-    the s spirals, then the rim's nodes.
+    A matrix (6 n, K s) holds derivatives of six quantities of every body by K quantities of every spiral. The n bodies
+    are the s spirals, then the rim's nodes. A joint's block (12, 2 K) holds the rows of its two bodies and the columns
+    of its two spirals.
     """
 
     def __init__(self, assembly: Assembly, each: int):
-        """Compute the sparsity pattern for an assembly with its rim, and ``each`` = K numbers per spiral."""
+        """Compute the sparsity pattern.
+
+        assembly : with its rim (``Assembly.whole``); each : K, the number of columns per spiral
+        """
         row = (assembly.pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
         column = (assembly.hub_pairs[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
         self._shape = (6 * assembly.size, each * assembly.spirals)
@@ -187,6 +201,6 @@ class JointAssembler:
         self._indptr = np.searchsorted(entries, starts).astype(np.int32)
 
     def __call__(self, blocks: np.ndarray) -> csr_array:
-        """Assemble the matrix from blocks (m, 12, 2 K)."""
+        """Assemble the matrix (6 n, K s) from the joints' blocks (m, 12, 2 K)."""
         values = np.bincount(self._slot.ravel(), weights=blocks.ravel(), minlength=len(self._indices))
         return csr_array((values, self._indices, self._indptr), shape=self._shape)

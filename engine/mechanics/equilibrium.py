@@ -37,12 +37,13 @@ from .elastic import ElasticModel, Expansion
 from .loads import Loads, joints_between_hubs
 from .newton_system import NewtonSystem
 
-# radians, largest turn of a hub in one step; larger needs fewer steps, but the expansion is less exact; chosen by eye
+# largest rotation of a hub in one Newton step, radians; larger needs fewer steps, but the steps predict less exactly;
+# chosen by eye
 TURN_CAP = 0.5
-NUDGE = 0.05  # radians, largest turn of a hub in the step that leaves a saddle; chosen by eye
-# The residual is relative to the forces in the joints. In a nearly unstressed piece it is relative to the forces that
-# the joints would have at this strain. Larger accepts larger residual forces in such pieces; strains that matter are
-# far larger.
+NUDGE = 0.05  # largest rotation of a hub in the step that leaves a saddle, radians; chosen by eye
+# The residual is relative to the forces in the joints, but at least to the forces that the joints would have at this
+# strain, for pieces that are nearly without stress. Larger accepts larger residual forces in such pieces; strains that
+# matter are far larger.
 REFERENCE_STRAIN = 1e-5
 STATUS = {
     CONVERGED: "Converged in {}.",
@@ -56,15 +57,18 @@ STATUS = {
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Equilibrium of an assembly.
+    """Result of a search for an equilibrium of an assembly.
 
-    pose : of the hubs; energy : joules, elastic energy minus the work of the forces; per_joint : (m,) J, elastic
+    pose : of the hubs
+    energy : elastic energy minus the work of the forces, joules
+    per_joint : (m,) elastic energy of every joint, joules
     converged : True only at a minimum with a residual within the tolerance
-    iterations : Newton steps; residual : norm of the unbalanced forces, relative to the forces in the joints
-    negative_eigenvalues : of the Hessian at the end; 0 at a minimum
-    torsion_max : radians, largest turn of two neighbours about the line across their joint
+    iterations : number of Newton steps
+    residual : norm of the unbalanced forces, relative to the forces in the joints
+    negative_eigenvalues : number of negative eigenvalues of the Hessian at the end; 0 at a minimum
+    torsion_max : largest torsion of a joint, radians
     status : one sentence for the user
-    spare : largest of the tested stability margins that the equilibrium keeps, 0 if none (``margins`` of ``solve``)
+    spare : the largest of the ``margins`` of ``solve`` that the equilibrium has, 0 if it has none of them
     """
 
     pose: Pose
@@ -79,7 +83,7 @@ class Equilibrium:
     spare: float = 0.0
 
     def with_pose(self, pose: Pose) -> Equilibrium:
-        """Return a copy with another pose: the equilibrium's pose, moved rigidly."""
+        """Return a copy with the pose ``pose``, which must be the equilibrium's pose after a rigid motion."""
         return replace(self, pose=pose)
 
 
@@ -95,16 +99,19 @@ def solve(
     step: Float[np.ndarray, "spirals 6"] | None = None,
     margins: tuple[float, ...] = (),
 ) -> Equilibrium:
-    """Find the equilibrium that Newton's method reaches from a pose; without one, ``converged`` is False.
+    """Find the equilibrium that Newton's method reaches from a pose. If it reaches none, ``converged`` is False.
 
     Parameters
     ----------
-    model, start, loads, params, progress : model, starting pose, loads, and the solver's settings
-    system : linear system to reuse in solves with equal joints and supports; None builds a new system
-    iterations : largest number of iterations, if smaller than in the settings; None leaves it to the settings
-    step : (n, 6) a predicted first step
-    margins : stability margins to test, as shares of the convex part: ``Equilibrium.spare`` is the largest margin for
-        which the Hessian minus this share of its convex part is positive definite
+    model, loads : elastic model, supports and loads
+    start : pose in which the search starts
+    params : settings: tolerance and largest number of iterations
+    progress : is updated and can cancel
+    system : linear system of an earlier solve with the same joints and supports, to be used again; default a new one
+    iterations : largest number of Newton steps, where it is below that of the settings
+    step : (n, 6) predicted increments of the hubs that are made first; default none
+    margins : stability margins to test: shares s for which H - s B may be positive definite, with the Hessian H and its
+        convex part B. The largest one for which it is becomes ``Equilibrium.spare``
 
     Raises
     ------
@@ -124,22 +131,17 @@ def solve_stepwise(
     step: Float[np.ndarray, "spirals 6"] | None = None,
     margins: tuple[float, ...] = (),
 ) -> Generator[Any, None, Equilibrium]:
-    """Run ``solve`` step by step, so that other work can be done in between.
+    """Run ``solve`` as a generator, so that other work can be done between two steps.
 
-    Parameters
-    ----------
-    model, start, loads, params, progress, system, iterations, step, margins : as in ``solve``
-
-    Returns
-    -------
-    Generator : yields the model's states, returns the equilibrium
+    Parameters as in ``solve``. It yields the model's state after every step and returns the equilibrium.
     """
     if system is None:
         system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, start.centres), springs=loads.springs)
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
     problem, state = _Balance(model, loads, params.tolerance, system, progress, margins), model.start(start)
     if step is not None:
-        # a predicted step starts near the minimum, where at most one step needs the convex part of the Hessian
+        # after a predicted step the search starts near the minimum, where the convex part of the Hessian is needed in
+        # the first step at most
         rule.decay, state = 0.0, model.moved(state, step)
     return _make_result(problem, (yield from minimise_stepwise(problem, state, rule)))
 
@@ -155,7 +157,7 @@ class _Balance:
     progress: Progress
     margins: tuple[float, ...] = ()
     spare: float = 0.0
-    scale: float = 0.0  # newtons, largest force so far in the joints or of the loads
+    scale: float = 0.0  # largest force so far in a joint or of the loads, newtons; residuals are relative to it
 
     def expand(self, state: Any) -> LocalModel:
         here = self.model.expand(state, ahead=True)
@@ -199,7 +201,7 @@ class _Balance:
         convex = self.system.values(here.convex) if self.margins else values
         kept = (one for one in sorted(self.margins, reverse=True) if self.system.factor(values - one * convex))
         self.spare = next(kept, 0.0)
-        return self.system.factor(values)  # last, because the caller solves with this factor
+        return self.system.factor(values)  # this factorisation comes last, because the caller solves with it
 
     def exits(self, state: Any) -> list[Any]:
         here = self.model.expand(state)
@@ -208,7 +210,10 @@ class _Balance:
         return [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
 
     def _residual(self, here: Expansion, gradient: np.ndarray, pose: Pose) -> float:
-        """Return the norm of the unbalanced forces over the larger of loads and largest forces in the joints so far."""
+        """Return the norm of the unbalanced forces over ``scale``, after ``scale`` is updated.
+
+        here, pose : expansion of the elastic energy at a pose, and this pose; gradient : of the whole energy
+        """
         weight, inner = force_scale(self.model, here, pose)
         left = np.linalg.norm((gradient * weight)[~self.system.held])
         self.scale = max(self.scale, inner, float(np.linalg.norm(self.loads.force)))
@@ -216,15 +221,17 @@ class _Balance:
 
 
 def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
-    """Return weights that convert forces and moments to forces, and the typical force in the joints.
+    """Return weights that convert moments to forces, and the typical force in the joints.
 
     Parameters
     ----------
-    model : the elastic model; here, pose : its expansion at a state, and the pose of this state
+    model : the elastic model
+    here, pose : its expansion at a state, and the pose of this state
 
     Returns
     -------
-    (6,) weights, 1 for forces and 1 over a length in metres for moments; and the typical force, newtons
+    (6,) : weights of force and moment: 1, 1, 1, then three times 1 over the mean distance of joined hubs, 1 / metres
+    float : typical force in the joints, newtons
     """
     pose = pose.whole
     a, b = model.pairs.T
@@ -235,7 +242,7 @@ def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float
 
 
 def _make_result(problem: _Balance, run: Run) -> Equilibrium:
-    """Build the equilibrium from a run of Newton's method, with the sentence for users."""
+    """Build the equilibrium from a finished run of Newton's method, with the status sentence for users."""
     model, state, history = problem.model, run.state, run.history
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, AT_ROUNDING), 0
@@ -253,15 +260,17 @@ def _make_result(problem: _Balance, run: Run) -> Equilibrium:
 def other_minima(
     model: ElasticModel, found: Equilibrium, loads: Loads, params: SimulateParams, progress: Progress = SILENT
 ) -> list[Equilibrium]:
-    """Find other shapes in which the assembly can rest, sorted by energy.
+    """Find other stable shapes of an assembly, sorted by energy.
 
-    Searches start from ``params.restarts`` poses: first the shape turned inside out, then the shape bent along its
-    softest modes. Two minima count as equal if no hub differs by more than a tenth of the distance between neighbours.
+    Searches start from ``params.restarts`` poses: first the pose of the known equilibrium turned inside out, then this
+    pose bent along its softest modes. Minima that are as close as ``poses_differ`` says are the same.
 
     Parameters
     ----------
-    model, found, loads : the equilibrium ``found``, and its model and loads
-    params, progress : the solver's settings
+    found : the known equilibrium, which is not returned
+    model, loads : its elastic model and loads
+    params : settings of the solver
+    progress : is updated and can cancel
     """
     if not params.restarts or not found.converged:
         return []
@@ -283,7 +292,10 @@ def other_minima(
 
 
 def _turn_inside_out(pose: Pose, held: np.ndarray) -> Pose:
-    """Return a pose mirrored along its mean normal, in a plane through the held hubs' middle; held hubs stay."""
+    """Return the pose after a reflection in the plane at right angles to its mean normal; held hubs do not move.
+
+    The plane goes through the mean of the held hubs' centres. held : (n, 6) mask of the increments that are held
+    """
     held = held[: len(pose.centres)]
     middle = pose.centres[held[:, 0]].mean(axis=0)
     normal = pose.rotations[:, :, 2].mean(axis=0)
@@ -295,30 +307,36 @@ def _turn_inside_out(pose: Pose, held: np.ndarray) -> Pose:
 
 
 def _bend_along_modes(pose: Pose, modes: np.ndarray, k: int) -> Pose:
-    """Return the k-th bent pose to start from: along one mode, to either side; later along random mixtures of modes."""
+    """Return the k-th bent pose from which a search starts.
+
+    The first poses are bent along one of the ``modes`` (modes, n, 6), to either side; further poses along random
+    combinations of modes.
+    """
     rng = np.random.default_rng(k)
     weight = np.eye(len(modes))[k // 2] * (-1.0) ** k if k < 2 * len(modes) else rng.normal(size=len(modes))
     step = np.tensordot(weight / np.abs(weight).sum(), modes, 1) * MIN_BEND * (1.0 + k % 3)
-    # in small steps, because finite rotation vectors do not add up
+    # in small steps, because a mode is a direction only for infinitesimal rotations
     for _ in range(8):
         pose = pose.moved(step / 8.0)
     return pose
 
 
-MODE_COUNT = 6  # number of softest modes along which starts are bent; more cost time; chosen by eye
-MIN_BEND = 0.8  # radians, largest turn of a hub in the least bent start; chosen by eye
+MODE_COUNT = 6  # number of softest modes along which starting poses are bent; more take more time; chosen by eye
+MIN_BEND = 0.8  # largest rotation of a hub in the starting pose that is bent least, radians; chosen by eye
 
 
-def poses_differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
-    """Return whether any hub differs between two poses by more than a tenth of the distance between neighbours.
+def poses_differ(first: Pose, second: Pose, pairs: np.ndarray, loads: Loads) -> bool:
+    """Return whether the centre of any hub differs between two poses by more than a tenth of the hubs' mean distance.
+
+    Before the comparison, the first pose is moved rigidly to fit the second, as far as its supports allow.
 
     Parameters
     ----------
-    one, two : the poses; the supports decide how far the first may be moved to fit the second
-    pairs : (m, 2) int, joined hubs
-    loads : the supports
+    first, second : the poses
+    pairs : (m, 2) indices of joined hubs, whose distances are averaged
+    loads : with the supports
     """
-    placed, pairs = loads.align(one, pairs, two), joints_between_hubs(pairs, len(one.centres))
-    apart = np.linalg.norm(placed.centres - two.centres, axis=1).max()
-    spacing = np.linalg.norm(two.centres[pairs[:, 1]] - two.centres[pairs[:, 0]], axis=1).mean()
+    aligned, pairs = loads.align(first, pairs, second), joints_between_hubs(pairs, len(first.centres))
+    apart = np.linalg.norm(aligned.centres - second.centres, axis=1).max()
+    spacing = np.linalg.norm(second.centres[pairs[:, 1]] - second.centres[pairs[:, 0]], axis=1).mean()
     return bool(apart > 0.1 * spacing)

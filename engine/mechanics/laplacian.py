@@ -1,4 +1,4 @@
-"""Shape error in Laplacian coordinates (FlexMaps section 7, eq. 6): it compares bending, not position."""
+"""Difference of two shapes in Laplacian coordinates (FlexMaps section 7, eq. 6): how bent they are, not where."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_arra
 
     Parameters
     ----------
-    pairs : (m, 2) int, pairs of neighbouring points
-    size : n, number of points
+    pairs : (m, 2) indices of neighbouring points
+    size : number n of points
     """
     both = np.concatenate([pairs, pairs[:, ::-1]])
     count = np.bincount(both[:, 0], minlength=size)
@@ -28,16 +28,15 @@ def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_arra
 def laplacian_difference(
     pairs: np.ndarray, centres: Float[np.ndarray, "spirals 3"], target: Float[np.ndarray, "spirals 3"]
 ) -> Float[np.ndarray, "spirals 3"]:
-    """Return the Laplacian coordinates of the centres, rotated to fit best, minus the target's Laplacian coordinates.
+    """Return the difference (n, 3) of the Laplacian coordinates of two sets of points, metres.
+
+    The Laplacian coordinates of a point are the point minus the mean of its neighbours. Those of ``centres`` are
+    rotated to fit those of ``target`` best before these are subtracted.
 
     Parameters
     ----------
-    pairs : (m, 2) int, pairs of neighbouring points
-    centres, target : (n, 3) metres
-
-    Returns
-    -------
-    (n, 3) metres
+    pairs : (m, 2) indices of neighbouring points
+    centres, target : (n, 3) points, metres
     """
     operator = uniform_laplacian(pairs, len(centres))
     own, wanted = operator @ centres, operator @ target
@@ -45,10 +44,5 @@ def laplacian_difference(
 
 
 def laplacian_rmse(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> float:
-    """Return the root mean square of ``laplacian_difference``, metres.
-
-    Parameters
-    ----------
-    pairs, centres, target : as in ``laplacian_difference``
-    """
+    """Return the root mean square length of the vectors of ``laplacian_difference``, metres; parameters as there."""
     return float(np.sqrt((laplacian_difference(pairs, centres, target) ** 2).sum(axis=1).mean()))

@@ -17,30 +17,32 @@ from .rigid import RigidFreedom, movable_pieces
 
 GRAVITY = 9.81  # gravitational acceleration, m / s^2
 LOWEST = "lowest"
-# Largest work of the forces along a rigid motion that counts as zero, as a share of the largest possible work: for
-# shifts and for turns of a piece. Larger values accept loads that carry a piece away; smaller ones trip over rounding.
+# Forces carry a piece away, or turn it, if they do work along a rigid motion that the supports allow. Work up to these
+# shares of the largest possible work is treated as zero, for shifts and for turns. Larger values accept loads that do
+# carry a piece away; smaller values refuse balanced loads because of rounding errors
 CARRY_TOLERANCE, TURN_TOLERANCE = 1e-9, 1e-6
-# Height above the lowest quad, in median edge lengths, up to which ``LOWEST`` selects quads as supports. Larger: more
+# ``LOWEST`` selects quads as supports up to this height above the lowest quad, in median edge lengths. Larger: more
 # supports
 GROUND_HEIGHT = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """Springs between the centres of hubs and fixed places, equally stiff in all directions.
+    """Springs from the centres of all n hubs to fixed places, equally stiff in all directions, without rest length.
 
-    stiffness : newtons per metre, of every spring; places : (n, 3) metres, fixed ends of the springs
+    stiffness : of every spring, newtons per metre
+    places : (n, 3) fixed ends of the springs, metres
     """
 
     stiffness: float
     places: Float[np.ndarray, "spirals 3"]
 
     def force(self, centres: Float[np.ndarray, "spirals 3"]) -> Float[np.ndarray, "spirals 3"]:
-        """Return the springs' forces (n, 3) on hubs with these centres, newtons."""
+        """Return the springs' forces (n, 3) on the hubs, newtons; centres : (n, 3) of the hubs, metres."""
         return self.stiffness * (self.places - centres)
 
     def energy(self, centres: Float[np.ndarray, "spirals 3"]) -> float:
-        """Return the energy of the springs, joules."""
+        """Return the energy of the springs, joules; centres : (n, 3) of the hubs, metres."""
         return 0.5 * self.stiffness * float(((self.places - centres) ** 2).sum())
 
 
@@ -48,8 +50,9 @@ class Springs:
 class Loads:
     """Supports and forces of n spirals.
 
-    fixed : (n, 6) bool, which of the three shifts and three turns of every hub are held
-    force : (n, 3) newtons on the hubs, in fixed directions; springs : from hubs to fixed places; None for none
+    fixed : (n, 6) mask of the increments of every hub (three shifts, three turns) that the supports hold
+    force : (n, 3) forces on the hubs, in fixed directions, newtons
+    springs : from the hubs to fixed places, or None
     """
 
     fixed: Bool[np.ndarray, "spirals 6"]
@@ -70,10 +73,10 @@ class Loads:
 
         Parameters
         ----------
-        supports : (k,) int, spirals that are supported
-        clamped : hold their rotations too, not only their positions
-        force : (n, 3) newtons
-        mass : (n,) kg, adds weight along -z
+        supports : (k,) indices of the supported spirals; None for none
+        clamped : the supports also hold rotations, not only positions
+        force : (n, 3) forces on the hubs, newtons; default 0
+        mass : (n,) masses of the spirals, kg, whose weight along -z is added to the forces; default 0
 
         Raises
         ------
@@ -94,19 +97,19 @@ class Loads:
         return cls(fixed, total)
 
     def held_increments(self, pairs: np.ndarray, centres: np.ndarray) -> Bool[np.ndarray, "spirals 6"]:
-        """Return which increments (n, 6) are held during the search for an equilibrium.
+        """Return the mask (n, 6) of the increments that are held constant during the search for an equilibrium.
 
-        These are the supported increments and, where a piece can still move as a whole, enough increments of one of its
-        hubs to stop that (see ``rigid``).
+        These are the increments that the supports hold. Where the supports let a connected piece move as a whole,
+        enough increments of one of its hubs are added to prevent that (see ``rigid``).
 
         Parameters
         ----------
-        pairs : (m, 2) int, joined hubs
-        centres : (n, 3) metres
+        pairs : (m, 2) indices of joined hubs
+        centres : (n, 3) of the hubs, metres
 
         Raises
         ------
-        FlexMapsError : forces would carry away or turn a piece; ``faces`` are its spirals
+        FlexMapsError : forces would carry away or turn a piece; its ``faces`` are the spirals of this piece
         """
         held = self.fixed.copy()
         for free in movable_pieces(self.fixed, joints_between_hubs(pairs, len(held)), centres):
@@ -119,40 +122,43 @@ class Loads:
         return held
 
     def align(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
-        """Return the pose with every piece moved rigidly, as far as its supports allow, to lie closest to a target.
+        """Return ``pose`` with every connected piece moved rigidly to lie closest to the pose ``target``.
 
-        Parameters
-        ----------
-        pose, target : the pose to move, and the pose to come close to
-        pairs : (m, 2) int, joined hubs
+        A piece is moved only as far as its supports allow. pairs : (m, 2) indices of joined hubs
         """
         for free in movable_pieces(self.fixed, joints_between_hubs(pairs, len(self.fixed)), pose.centres):
             pose = free.align(pose, target.centres)
         return pose
 
     def work(self, centres: np.ndarray) -> float:
-        """Return the work of the forces from the origin to these centres minus the energy of the springs, joules."""
+        """Return the work of the forces minus the energy of the springs, joules.
+
+        centres : (n, 3) of the hubs, metres. The work is measured from a pose with all hubs at the origin
+        """
         work = float((self.force * centres).sum())
         return work if self.springs is None else work - self.springs.energy(centres)
 
     def total(self, centres: np.ndarray) -> Float[np.ndarray, "spirals 3"]:
-        """Return the forces (n, 3) of loads and springs on hubs with these centres, newtons."""
+        """Return the forces (n, 3) of loads and springs on the hubs, newtons; centres : (n, 3) of the hubs, metres."""
         return self.force if self.springs is None else self.force + self.springs.force(centres)
 
 
 def joints_between_hubs(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
-    """Select the pairs that join two hubs, without the pairs of a rim's nodes.
+    """Return those of the joints' pairs that join two hubs, without the pairs that contain a node of the rim.
 
     Parameters
     ----------
-    pairs : (m, 2) int, joined bodies
-    size : number of hubs, which come first
+    pairs : (m, 2) indices of joined bodies: hubs, then nodes
+    size : number of hubs
     """
     return pairs[(pairs < size).all(axis=1)]
 
 
 def _describe_motion(free: RigidFreedom, carried: bool) -> str:
-    """Return the message to users about forces that move a piece as a whole."""
+    """Return the message to users about forces that move a piece as a whole.
+
+    free : the motions that the supports of the piece allow; carried : the forces shift the piece; else they turn it
+    """
     size = len(free.members)
     if free.is_unsupported:
         return (
@@ -169,17 +175,17 @@ def _describe_motion(free: RigidFreedom, carried: bool) -> str:
 def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " some"]:
     """Return the indices of the quads that a text or a list names as supports.
 
-    ``LOWEST`` names the quads with at least two corners near the ground: the height of a quad is that of its second
-    lowest corner, and quads up to ``GROUND_HEIGHT`` median edges above the smallest height are selected.
+    The text ``LOWEST`` names the quads with at least two corners near the ground. The height of a quad is that of its
+    second lowest corner; quads up to ``GROUND_HEIGHT`` above the smallest height are selected.
 
     Parameters
     ----------
     mesh : the quads
-    which : ``LOWEST``, quad numbers, or a text such as "1,2,3"
+    which : ``LOWEST``, a list of quad numbers, or a text such as "1,2,3"
 
     Raises
     ------
-    FlexMapsError : ``which`` is empty, holds anything but numbers, or names a quad that the mesh does not have
+    FlexMapsError : ``which`` is empty, contains anything but numbers, or names a quad that the mesh does not have
     """
     if isinstance(which, str) and which.strip() == LOWEST:
         second = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]
@@ -199,7 +205,10 @@ def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray
 
 
 def _parse_number(word: str | int) -> int:
-    """Parse a whole number of any size in the digits 0 to 9; raises ValueError or TypeError for other text."""
+    """Parse a whole number in the digits 0 to 9, with or without a sign.
+
+    Raises ValueError for other text, TypeError for other types than text and whole numbers.
+    """
     if not isinstance(word, str):
         return index(word)
     if not re.fullmatch(r"\s*[+-]?[0-9]+\s*", word):

@@ -1,4 +1,7 @@
-"""Sparse linear systems for an assembly's equilibrium, built from joint blocks without the held degrees of freedom."""
+"""Sparse linear systems for an assembly's equilibrium, assembled from the joints' Hessians.
+
+The increments (shift and turn of every hub) that supports hold are left out; the others are "free".
+"""
 
 from __future__ import annotations
 
@@ -13,20 +16,25 @@ from ..linalg import NotPositiveDefinite, SparseCholesky, SparsityPattern, negat
 from ..progress import SILENT, Progress
 from .loads import Springs
 
-# share of the diagonal that is added to make a semi-definite matrix definite; larger is more robust and less exact
+# share of the diagonal that is added to a semi-definite matrix to make it definite; larger is more robust, less exact
 SHIFT = 1e-9
-# relative tolerance of eigenvalues at a minimum; tight, because derivatives of eigenvalues need accurate modes
+# relative tolerance of eigenvalues at a minimum; it is small, because derivatives of eigenvalues need accurate modes
 INVERSE_TOLERANCE = 1e-7
-MAX_DENSE_SIZE = 60  # largest number of free increments solved densely; Lanczos needs more unknowns than eigenvalues
+# Up to this number of free increments, eigenvalues are computed from dense matrices: Lanczos' method needs more
+# unknowns than eigenvalues
+MAX_DENSE_SIZE = 60
 
 
 class NewtonSystem:
-    """Linear systems in the free increments of n hubs that share one sparsity pattern and symbolic factorisation.
+    """Linear systems in the free increments of n hubs, which share one sparsity pattern and symbolic factorisation.
 
-    pairs : (m, 2) int, the spirals of every joint; held : (n, 6) bool, increments that stay zero
-    springs : at the hubs; their stiffness is added to every matrix; None for none
-    Bodies in ``pairs`` beyond the n hubs, the nodes of a rim, are free; their rows in fields (n, 6) may be missing and
-    then count as 0.
+    A matrix is stored as the entries (nnz,) of its lower triangle. A field is an array (n, 6): one number for every
+    increment of every hub. In ``pairs`` the nodes of a rim may follow the n hubs. They are free; their rows in a field
+    may be missing, then they are 0.
+
+    pairs : (m, 2) indices of the spirals of every joint
+    held : (n, 6) mask of the increments that are held at zero
+    springs : at the hubs, whose stiffness is added to every matrix, or None
     """
 
     def __init__(self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None, springs: Springs | None = None):
@@ -49,11 +57,11 @@ class NewtonSystem:
 
     @cached_property
     def without_springs(self) -> NewtonSystem:
-        """This system if it has no springs, else a system of these joints without springs."""
+        """A system of the same joints and held increments, but without springs."""
         return self if self._springs is None else NewtonSystem(self._pairs, self.held)
 
     def values(self, blocks: np.ndarray) -> Num[np.ndarray, " nnz"]:
-        """Return the entries (nnz,) of the lower triangle: the joints' blocks (m, 12, 12) plus the springs."""
+        """Return the entries (nnz,) of the matrix that is the sum of the joints' blocks (m, 12, 12) and the springs."""
         values = self.pattern.sum(blocks.ravel()[self._used])
         if self._springs is not None:
             values[self.pattern.indptr[:-1]] += self._springs

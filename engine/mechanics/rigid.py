@@ -15,8 +15,8 @@ from scipy.linalg import qr
 
 from ..arrays import Bool, Float, Int
 from ..components import components
-from .assembly import Pose, nearest_rotation
-from .vectors import skew
+from .assembly import Pose
+from .vectors import nearest_rotation, skew
 
 # Supports prevent a turn of the piece if a turn of 1 rad would move the supported hubs by a mean square above this, in
 # squared distances of neighbouring hubs. A larger value treats nearly collinear hinges as collinear.

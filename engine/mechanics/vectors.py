@@ -116,7 +116,10 @@ def right_jacobian(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 
 def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """Return the rotations R (..., 3, 3) for which R p fits points q best (Kabsch), from covariance = sum of p q^T."""
+    """Return the rotations R (..., 3, 3) that fit points p to points q best, in least squares (Kabsch).
+
+    covariance : (..., 3, 3) sum of p q^T over the points
+    """
     u, _, vt = np.linalg.svd(covariance)
     flip = np.linalg.det(u) * np.linalg.det(vt)
     u = u.copy()

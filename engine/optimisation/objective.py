@@ -14,9 +14,10 @@ from scipy.linalg import orth
 from scipy.sparse import csr_array, vstack
 
 from ..arrays import Float, Int
-from ..mechanics.assembly import Pose, nearest_rotation
+from ..mechanics.assembly import Pose
 from ..mechanics.laplacian import uniform_laplacian
 from ..mechanics.rigid import connected_pieces
+from ..mechanics.vectors import nearest_rotation
 from ..params import OptimiseParams
 from ..tolerances import DOUBLE_TOL
 from .wishes import Wishes

@@ -1,4 +1,4 @@
-"""Cross-sections of arms that are bent by motions of their tips: place in space, and derivatives by the bent arm."""
+"""Cross-sections of arms that are bent by motions of their tips, with derivatives by the bent arm's state."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..vectors import dot, matvec, right_jacobian, rotation_matrix, to_space
 
 @dataclass(eq=False)
 class SectionGradient:
-    """Derivatives of one scalar per section by the attributes of ``Section`` with these names."""
+    """Derivatives of one scalar per section by five attributes of ``Section``, which have the same names."""
 
     middle: Float[np.ndarray, "n places 3"]
     along: Float[np.ndarray, "n places 3"]
@@ -24,25 +24,31 @@ class SectionGradient:
 
     @classmethod
     def zeros(cls, like: Float[np.ndarray, "n places 3"]) -> SectionGradient:
-        """Return derivatives that are all 0, for sections whose ``middle`` has the shape of ``like``."""
+        """Return derivatives that are all 0; ``like`` is an array of the shape of ``middle``."""
         zero = np.zeros_like(like)
         return cls(zero, zero, zero, zero, zero[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Cross-sections of bent arms at positions t, in the flat frames of the arms' hubs.
+    """Cross-sections of n bent arms, several on each, in the flat frames of the arms' hubs.
 
-    t : 0 at the tip; hub : t where the arm leaves its hub
-    middle : metres; along, across, off : unit vectors along the arm (inwards), across it and normal to the sheet
-    half : half of the width, metres; widening : its derivative with respect to t
+    An arm is divided into pieces (see ``TipBeams``). The inner station of a piece is its end nearer to the hub.
+
+    t : position of the section on its arm, 0 at the tip, 1 at the hub's centre
+    hub : t where the arm leaves its hub
+    middle : middle of the section, metres
+    along, across, off : unit vectors along the arm (inwards), across it, and along its normal
+    half : half of the arm's width, metres
+    widening : derivative of ``half`` with respect to t
     velocity : derivative of ``middle`` with respect to t, metres
-    curving : derivative with respect to t of the flat arm's direction, radians
-    piece, share : the arm's piece that contains the section, and the share of this piece from its inner station to the
-        section; rate : derivative of ``share`` with respect to t, 0 within the hub
-    turn : rotation vector of the section, radians
-    chord : on the flat arm, from the piece's inner station to the section, metres
-    pace : derivative of the flat arm's position with respect to t, metres, complex
+    curving : derivative of the flat arm's direction (an angle in radians) with respect to t
+    piece : index of the piece that contains the section
+    share : share of this piece between its inner station and the section
+    rate : derivative of ``share`` with respect to t, 0 within the hub
+    turn : rotation vector of the section relative to the hub, radians
+    chord : vector on the flat arm from the inner station to the section, metres
+    pace : derivative of the position on the flat arm with respect to t, metres, complex
     bend, stretch : rotation vector (radians) and elongation (metres) over the whole piece
     halfway : mean of the rotation vectors of the inner station and of the section, radians
     """
@@ -69,7 +75,10 @@ class Section:
 
     @classmethod
     def from_arms(cls, field: BentBeams, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
-        """Compute the sections at t of the arms with indices ``arm`` among the bent arms ``field``."""
+        """Compute sections of n of the bent arms ``field``.
+
+        arm : (n,) indices of the arms in ``field``; t : (n, places) positions of the sections on them
+        """
         beams, every = field.beams, arm[:, None]
         pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
         point, velocity, change, half, widening = beams.lines.evaluate(every, t)[:5]
@@ -81,7 +90,7 @@ class Section:
         bend, stretch, turn, shift = (
             x[every, piece].space for x in (field.bend, field.stretch, field.turn, field.shift)
         )
-        # within the hub the arm is rigid
+        # within the hub the arm is rigid, so the section moves with the innermost station
         chord = to_space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
         halfway, whole = turn + 0.5 * share * bend, turn + share * bend
         frame = rotation_matrix(whole)
@@ -96,11 +105,14 @@ class Section:
 
     @property
     def along_by_t(self) -> Float[np.ndarray, "n places 3"]:
-        """Derivative of the vector ``along`` with respect to t, to first order in the bend."""
+        """Derivative of ``along`` with respect to t, to first order in ``bend``."""
         return self.rate[..., None] * np.cross(self.bend, self.along) - self.curving[..., None] * self.across
 
     def vjp_by_t(self, gradient: SectionGradient) -> Float[np.ndarray, "n places"]:
-        """Return the derivatives with respect to t of scalars, one per section, from their derivatives ``gradient``."""
+        """Return the derivatives of one scalar per section with respect to t.
+
+        gradient : the scalars' derivatives by the attributes of the sections
+        """
         turn, aside = self._vjp_of_turns(gradient)
         return (
             dot(gradient.middle, self.velocity)
@@ -110,9 +122,11 @@ class Section:
         )
 
     def vjp(self, gradient: SectionGradient) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
-        """Convert derivatives by the sections, one per arm, to derivatives by the bent arms, see ``BentBeams.vjp``.
+        """Convert derivatives of scalars by one section of every arm to derivatives by the bent arms.
 
-        Also return the piece of every arm that contains its section.
+        gradient : the scalars' derivatives by the attributes of the sections
+
+        Returns the derivatives that ``BentBeams.vjp`` needs, and the indices (n,) of the pieces with the sections.
         """
         turn, aside = self._vjp_of_turns(gradient)
         share, halfway = self.share[..., None], np.cross(self.chord, gradient.middle)
@@ -139,7 +153,11 @@ class Section:
     def _vjp_of_turns(
         self, gradient: SectionGradient
     ) -> tuple[Float[np.ndarray, "n places 3"], Float[np.ndarray, "n places"]]:
-        """Return derivatives with respect to the sections' rotation vectors and to the flat arm's direction."""
+        """Convert derivatives by ``along``, ``across`` and ``off``, which rotate with the section.
+
+        Returns the derivatives with respect to the sections' rotation vectors and to the direction of the flat arm
+        (an angle in radians).
+        """
         torque = sum(
             np.cross(axis, by)
             for axis, by in ((self.along, gradient.along), (self.across, gradient.across), (self.off, gradient.off))

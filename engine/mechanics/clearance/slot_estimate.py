@@ -1,10 +1,10 @@
-"""Slot widths between the bent arms of a spiral as smooth functions of the tip motions and of the flat arms.
+"""Widths of the slots between the bent arms of a spiral as smooth functions of the tip motions and the arms' shapes.
 
-A fast approximation of ``slots_in_space`` for narrow slots, because the search for a design evaluates thousands of
-widths with derivatives at every step. An arm between hub and tip is bent like a curved beam (Castigliano), to first
-order in the motion of its tip. The outer arm of a slot is the one that lies farther from the spiral's centre beside it.
-The width is measured from edge to edge at a few points of the outer arm, at right angles to the inner arm's centre
-line. Estimates are at most 0.07 mm too wide where slots are narrower than 0.3 mm.
+This is a fast approximation of ``slots_in_space`` for narrow slots, because the search for a design evaluates thousands
+of widths with derivatives at every step. An arm between hub and tip is bent like a curved beam (Castigliano), to first
+order in the motion of its tip. Of the two arms beside a slot, the outer arm is the one farther from the spiral's centre
+and the inner arm the other. The width is measured from edge to edge at a few points of the outer arm, at right angles
+to the inner arm's centre line. Where slots are narrower than 0.3 mm, the estimate is too large by at most 0.07 mm.
 """
 
 from __future__ import annotations
@@ -32,30 +32,37 @@ from ..arms.tip_beams import BentBeams, PointGradient, TipBeams
 from ..vectors import dot
 from .sections import Section, SectionGradient
 
-# positions t on the outer arm (0 at its tip) where widths are measured; more are slower; slots close near the tip
+# positions t on the outer arm (0 at its tip) where widths are measured: near the tip, where slots close first; more are
+# slower
 PLACES = np.array([0.0, 0.05, 0.1, 0.15, 0.22, 0.3])
-# pieces into which an arm is divided; more are slower and more exact (error 0.06 mm)
+# number of pieces into which an arm is divided; more are slower and more exact (error 0.06 mm)
 STATIONS = 12
-# Newton iterations for the point of the inner arm that faces a point of the outer arm; more are slower and more exact
+# number of Newton iterations for the point of the inner arm that faces a point of the outer arm; more are slower and
+# more exact
 ROUNDS = 3
-# Sine of the angle of tilt between two sections below which its absolute value is rounded off. Larger is smoother and
-# less exact: 0.02 mm for a sheet of 2 mm.
+# Two facing sections may be tilted against each other about the arm. This is the sine of the tilt below which the kink
+# of its absolute value at 0 is rounded off. Larger is smoother and less exact (error 0.02 mm for a sheet of 2 mm)
 _TILT_ROUNDING = 0.02
-_AXIS_ROUNDING = 5e-5  # metres over which the maximum of two distances is rounded off; larger is smoother, less exact
-END_TOLERANCE = 1e-4  # metres; a point this far beyond the end of the inner arm still faces it
-# Rough search for slots that may be too narrow: pieces of an arm, number of stations at its tip that are measured, and
-# assumed error of the width in metres. Larger is slower; smaller misses narrow slots.
+# The larger of two distances is replaced by a smooth maximum, which is rounded off where they differ by less than this,
+# metres; larger is smoother and less exact
+_AXIS_ROUNDING = 5e-5
+END_TOLERANCE = 1e-4  # a point of the outer arm this far beyond the inner arm's end, in metres, still faces it
+# A rough estimate first selects the slots that may be too narrow. These are the number of pieces of an arm, the number
+# of pieces at its tip whose ends are measured, and the assumed error of the width in metres. Larger values are slower,
+# smaller values miss narrow slots
 ROUGH_PIECES, ROUGH_STATIONS, ROUGH_MARGIN = 8, 4, 4e-4
 
 
 @dataclass(frozen=True, eq=False)
 class SlotWidths:
-    """Widths of slots at K points.
+    """Widths of slots, each at one of K points.
 
     slots : settings that are common to all slots
-    arms : (K, 2) int, the outer and the inner arm; values : (K,) widths, metres
+    arms : (K, 2) indices of the outer and the inner arm beside the slot, as in ``Slots``
+    values : (K,) widths, metres
     t, s : (K,) positions of the point on the outer arm, and of the facing point on the inner arm; 0 at the tip
-    field, rows : bent arms, and (K, 2) int, the rows of the outer and the inner arm among them
+    field : bent arms, among them all ``arms``
+    rows : (K, 2) indices of the outer and the inner arm in ``field``
     """
 
     slots: Slots
@@ -68,15 +75,16 @@ class SlotWidths:
 
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Derivatives of the widths by the tip motions (K, 2, 6) and arm numbers (K, 2, 8); see ``Slots.slopes``."""
+        """Derivatives of the widths by tip motions (K, 2, 6) and by arm parameters (K, 2, 8); see ``Slots.slopes``."""
         return self.slots.slopes(self.field.subset(self.rows.ravel()), self.t, self.s)
 
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """The slots within spirals with A arms; arm 4 f + k is arm k of quad f.
+    """The slots within spirals that have A arms in all; arm 4 f + k is arm k of quad f.
 
-    shortest : length of the shortest blends, in t; fillet (radius), thickness : metres
+    shortest : length of the shortest blends, in t
+    fillet, thickness : radius of the fillets at the hubs and thickness of the sheet, metres
     clockwise : True if the arms turn clockwise from the tips inwards
     """
 
@@ -91,20 +99,20 @@ class Slots:
         numbers: Float[np.ndarray, "arms numbers"],
         motion: Float[np.ndarray, "arms 6"],
     ) -> SlotWidths:
-        """Find the points where slots are narrower than a limit.
+        """Return the points of ``PLACES`` at which slots are narrower than a limit.
 
         Parameters
         ----------
-        width : (A,) metres, the limit for the slot of which this arm is the outer arm
-        numbers : (A, 8) widths, twists and the like that describe every arm, in the order of ``blends``
-        motion : (A, 6) metres and radians, motion of the arms' tips in the flat frame
+        width : (A,) limit of the width of the slot whose outer arm is this arm, metres
+        numbers : (A, 8) parameters of the arms, in the columns of ``blends``
+        motion : (A, 6) motions of the arms' tips in the flat frames: shift (3, metres), turn (3, radians)
         """
         first = np.arange(len(numbers))
         second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
         pair = np.stack([first, second] if self.clockwise else [second, first], axis=1)
         rough = _rough_widths(self._beams(numbers, ROUGH_PIECES).bend(motion), pair, self._sign)
         pair = pair[rough < width[pair[:, 0]] + ROUGH_MARGIN]
-        # keep only the arms that may be too close to each other
+        # bend only the arms beside the slots that may be too narrow
         own, index = np.unique(pair, return_inverse=True)
         t = np.tile(PLACES, (len(pair), 1))
         field, local = self._beams(numbers[own], STATIONS).bend(motion[own]), index.reshape(pair.shape)
@@ -126,14 +134,16 @@ class Slots:
 
         Returns
         -------
-        derivatives (k, 2, 6) by the motions of both arms' tips, and (k, 2, 8) by the arm numbers (width, twist and the
-        like, in the order of ``blends``); on the second axis, 0 is the outer and 1 the inner arm
+        (k, 2, 6) : derivatives by the motions of the tips; axis 1: outer arm, inner arm
+        (k, 2, 8) : derivatives by the parameters of these arms, in the columns of ``blends``
         """
         both = np.stack([t, s], axis=1).reshape(-1, 1)
         here = Section.from_arms(field, np.arange(0, len(both), 2), both[::2])
         there = Section.from_arms(field, np.arange(1, len(both), 2), both[1::2])
         outer, inner = self._section_distance(here, there)[1]
-        # the facing point moves too, so that the vector between both points stays at right angles to the inner arm
+        # The facing point moves so that the vector ``way`` between both points stays at right angles to the inner arm:
+        # way . along = 0. ``move`` is the Lagrange multiplier of this constraint, ``facing`` the constraint's
+        # derivatives
         way = here.middle - there.middle
         facing = SectionGradient.zeros(way)
         facing.middle, facing.along = -there.along, way
@@ -150,12 +160,11 @@ class Slots:
 
     @property
     def _sign(self) -> float:
-        """1 if the outer arm lies on the side of the inner arm's ``across``, -1 (clockwise spirals) if on the other
-        side."""
+        """1 if the inner arm's vector ``across`` points to the outer arm, -1 if away from it (in clockwise spirals)."""
         return -1.0 if self.clockwise else 1.0
 
     def _beams(self, numbers: Float[np.ndarray, "arms numbers"], pieces: int) -> TipBeams:
-        """Build the beams of arms that are described by ``numbers``, each divided into ``pieces``."""
+        """Build the beams of arms with the parameters ``numbers`` (see ``blends``), each with ``pieces`` pieces."""
         given = (
             numbers[:, list(both)] for both in ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         )
@@ -170,13 +179,15 @@ class Slots:
         pair: Int[np.ndarray, "n 2"],
         t: Float[np.ndarray, "n places"],
     ) -> tuple[Float[np.ndarray, "n places"], Float[np.ndarray, "n places"]]:
-        """Return the widths of slots at t on their outer arms, metres, and the facing positions s on the inner arms.
+        """Return the widths of n slots at t on their outer arms, metres, and the facing positions s on the inner arms.
 
-        The width is infinite where no section of the inner arm faces the point. ``pair`` : outer and inner arms.
+        A width is infinite where no section of the inner arm faces the point.
+
+        field : bent arms; pair : (n, 2) indices of the outer and the inner arm of every slot in ``field``
         """
         outer, inner = pair.T
         here = Section.from_arms(field, outer, t)
-        # start at the nearest station
+        # the search for s starts at the station of the inner arm that is nearest to the point
         stations = SplitVector(field.beams.flat + field.shift.flat, field.shift.off).space
         apart = np.linalg.norm(here.middle[:, :, None] - stations[inner][:, None], axis=-1)
         s = field.beams.hub[inner, None] * (1.0 - apart.argmin(axis=2) / STATIONS)
@@ -193,7 +204,10 @@ class Slots:
     def _section_distance(
         self, here: Section, there: Section
     ) -> tuple[Float[np.ndarray, "n places"], tuple[SectionGradient, SectionGradient]]:
-        """Return distances between facing sections, ``here`` of outer and ``there`` of inner arms, with derivatives."""
+        """Return the distances between facing sections, and their derivatives by the attributes of either section.
+
+        here, there : sections of the outer arms, and the facing sections of the inner arms
+        """
         way, sign, height = here.middle - there.middle, self._sign, 0.5 * self.thickness
         tilt = dot(here.across, there.across)
         level, turned = np.abs(tilt), np.sign(tilt)
@@ -207,37 +221,39 @@ class Slots:
         by_outer = (
             sign * dot(way, here.across) - here.half - level * there.half - height * _soft_abs(rolls[1], _TILT_ROUNDING)
         )
-        # smooth maximum of the distances along the two separating axes
+        # The axes ``there.across`` and ``here.across`` may separate the sections (separating axis theorem); this is the
+        # smooth maximum of the distances along both
         value = 0.5 * (by_inner + by_outer + _soft_abs(by_inner - by_outer, _AXIS_ROUNDING))
-        # weight of the first separating axis, and derivatives by the directions of both axes
+        # derivatives of the smooth maximum by ``by_inner`` (share, the rest by ``by_outer``), and through the tilts
         share = 0.5 * (1.0 + (by_inner - by_outer) / np.hypot(by_inner - by_outer, _AXIS_ROUNDING))
         inner, outer = share[..., None], 1.0 - share[..., None]
         steep = [-height * (roll / np.hypot(roll, _TILT_ROUNDING))[..., None] for roll in rolls]
         halves = -(turned * (share * here.half + (1.0 - share) * there.half))[..., None]
         middle = sign * (inner * there.across + outer * here.across)
-        here_pull = SectionGradient(
+        by_here = SectionGradient(
             middle,
             np.zeros_like(way),
             outer * (sign * way + steep[1] * there.off) + halves * there.across,
             inner * steep[0] * there.across,
             -share * level - (1.0 - share),
         )
-        there_pull = SectionGradient(
+        by_there = SectionGradient(
             -middle,
             np.zeros_like(way),
             inner * (sign * way + steep[0] * here.off) + halves * here.across,
             outer * steep[1] * here.across,
             -share - (1.0 - share) * level,
         )
-        return value, (here_pull, there_pull)
+        return value, (by_here, by_there)
 
 
 def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -> Float[np.ndarray, " n"]:
-    """Return approximate slot widths (n,), metres, near the tips of the outer arms, seen along the sheet's normal.
+    """Return the approximate width (n,) of every slot near the tip of its outer arm, metres.
 
-    They are measured from stations of the outer arms to pieces of the inner arms, which count as circular arcs.
+    It is the smallest distance, seen along the sheet's normal, from the last stations of the outer arm to the pieces
+    of the inner arm, which are treated as circular arcs.
 
-    pair : outer and inner arm of every slot; sign : as in ``Slots._sign``
+    field : bent arms; pair : (n, 2) indices of the outer and the inner arm of every slot; sign : as ``Slots._sign``
     """
     beams, (outer, inner) = field.beams, pair.T
     count = beams.velocity.shape[1]
@@ -253,7 +269,7 @@ def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -
         axis, roll = along[nearest], turn.flat[nearest]
         seen = np.conj(axis) * (place - middle[nearest])
         across = -seen.imag + 0.5 * beams.curving[nearest] * seen.real**2
-        # correction for the tilt of the inner arm's section
+        # correction, because the inner arm's section is tilted against the normal of the sheet
         across -= (shift.off[outer, k] - height[nearest]) * (np.conj(axis) * roll).real
         apart = sign * across - half[nearest] - half[outer, min(k, count - 1)]
         apart -= 0.5 * beams.thickness * np.abs((np.conj(axis) * (field.turn.flat[outer, k] - roll)).real)
@@ -262,5 +278,5 @@ def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -
 
 
 def _soft_abs(x: np.ndarray, over: float) -> np.ndarray:
-    """Return a smooth absolute value, rounded off within about ``over`` of 0."""
+    """Return a smooth approximation of |x| that is 0 at 0 and differs from |x| mostly where |x| is below ``over``."""
     return np.hypot(x, over) - over

@@ -1,11 +1,12 @@
-"""Widths of the slots between the arms in the assembled piece; slots may close when the arms bend.
+"""Widths of the slots between the bent arms in the assembled piece; slots may close when the arms bend.
 
-Every arm is a bent strip of rectangular sections at right angles to it, as wide as its flat arm and as thick as the
-sheet: a point P beside the point c(t) of the flat centre line moves to x(t) + D(t) (P - c(t)), where x and D are the
-position and rotation of the section (``BentArms``). The width of a slot is the smallest distance between sections of
-its two arms. Each section of the first arm is compared with the section of the second arm whose plane contains its
-middle. Arms whose heights differ by more than the sheet's thickness do not touch. A negative width is an overlap, which
-real arms cannot have: the elastic models ignore contact.
+Every arm is a bent strip of rectangular sections at right angles to it, as wide as the flat arm and as thick as the
+sheet: a point P of the section at the point c(t) of the flat centre line moves to x(t) + D(t) (P - c(t)), where x and D
+are the position and rotation of the section (``BentArms``). The width of a slot is the smallest distance between
+sections of its two arms. Each section of the first arm is compared with the facing section of the second arm: the one
+whose plane contains the middle of the first arm's section. Arms that pass above each other, at heights that differ by
+more than the sheet's thickness, do not touch. A negative width is an overlap. Real arms cannot overlap, but the elastic
+models ignore contact.
 """
 
 from __future__ import annotations
@@ -24,28 +25,32 @@ from ...spirals.design import SpiralDesign
 from ..arms.bent import BentArms
 from ..vectors import dot
 
-# Stations along every slot within a spiral, from its mouth inwards, and stations of the second look around the
-# narrowest of them; more are slower and find narrower places, by up to 0.08 mm.
+# A slot within a spiral is first measured at STATIONS points from its mouth inwards, then at CLOSER_STATIONS points
+# around the narrowest of these. More are slower and find narrower places, by up to 0.08 mm
 STATIONS = 14
-CLOSER_STATIONS = 7  # stations of the second look, see STATIONS
-# Share of the slot, from its mouth towards its root, that is measured. Farther in the slot is as wide as its fillet,
-# and the beam, which bends right outside the hub, would close slots that the root keeps open.
+CLOSER_STATIONS = 7
+# Share of a slot's length, from its mouth inwards, that is measured. Near its inner end the slot is as wide as its
+# fillet. There the model would close slots that stay open, because its arms bend immediately outside the hub
 DEEPEST = 0.9
-# Newton iterations for the section of the other arm that faces a section; more are slower, more exact (error 2e-4 mm)
+# number of Newton iterations for the facing section of the second arm; more are slower and more exact (error 2e-4 mm)
 ROUNDS = 2
-REACH = 0.5  # arm widths; wider slots between arms of different spirals are not measured; larger is slower
-# stations on an arm around the point nearest to another spiral's arm; more are slower and more exact (error 0.02 mm)
+# slots between arms of different spirals that are wider than this, in arm widths, are not measured; larger is slower
+REACH = 0.5
+# Number of sections of an arm that are measured around its point nearest to an arm of another spiral; more are slower
+# and more exact (error 0.02 mm)
 PAIR_STATIONS = 9
-BATCH = 4000  # slots between two updates of the progress
-MEASURING = "Measuring the slots in space"  # text of the progress
+BATCH = 4000  # number of slots between two updates of the progress bar
+MEASURING = "Measuring the slots in space"  # message that the progress bar shows
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceSlots:
     """The slots between n pairs of bent arms in space.
 
-    arms : (n, 2) int, arm 4 f + k is arm k of quad f. The first 4 F slots lie within the spirals, slot 4 f + k between
-        the arms k and k + 1; the others lie between arms of different spirals that come close to each other
+    The first 4 F slots lie within spirals: slot 4 f + k between the arms k and k + 1 of quad f. The others lie between
+    arms of different spirals that come close to each other.
+
+    arms : (n, 2) indices of the two arms; 4 f + k is arm k of quad f
     width : (n,) metres at the narrowest point; negative where arms overlap, infinite beside arms that are not cut
     """
 
@@ -59,19 +64,19 @@ class SpaceSlots:
 
     @cached_property
     def narrowest_per_quad(self) -> Float[np.ndarray, " quads"]:
-        """(F,) metres, the narrowest slot beside the arms of every spiral."""
+        """Width (F,) of the narrowest slot beside the arms of every spiral, metres."""
         least = np.full(int(self.arms.max()) // 4 + 1, np.inf)
         for which in (0, 1):
             np.minimum.at(least, self.arms[:, which] // 4, self.width)
         return least
 
     def with_quads_of(self, part: SpaceSlots, quads: Int[np.ndarray, " some"]) -> SpaceSlots:
-        """Return a copy in which the slots of some quads are replaced by newly measured slots.
+        """Return a copy in which the slots within and between some quads are replaced by newly measured slots.
 
         Parameters
         ----------
-        part : slots within and between these quads, as ``slots_in_space`` measures them
-        quads : in ascending order
+        part : the new slots, as ``slots_in_space`` measures them with ``quads``
+        quads : indices of the quads, in ascending order
         """
         inside = np.zeros(len(self.narrowest_per_quad), dtype=bool)
         inside[quads] = True
@@ -84,11 +89,13 @@ class SpaceSlots:
 
 @dataclass(frozen=True, eq=False)
 class _Sections:
-    """Cross-sections of n bent arms at M stations each.
+    """M cross-sections of each of n bent arms.
 
-    middle : metres; along, across, off : unit vectors along the arm, across it and normal to the sheet
-    half : metres, half of the width; curvature : 1 / metres, of the flat arm; pace : metres of the centre line per
-        unit of t
+    middle : middle of the section in space, metres
+    along, across, off : unit vectors along the arm (inwards), across it, and along its normal
+    half : half of the arm's width, metres
+    curvature : of the flat arm's centre line, 1 / metres
+    pace : derivative of the length along the flat centre line by t, metres
     """
 
     middle: Float[np.ndarray, "arms places 3"]
@@ -107,26 +114,29 @@ def slots_in_space(
 
     Parameters
     ----------
-    design, bent : the spirals, and their deformation
+    design, bent : the spirals, and the deformation of their arms
     progress : is updated and can cancel
-    quads : measure only slots within and between these quads; all by default
+    quads : indices, ascending; only slots within and between these quads are measured; default all
     """
     progress(0.0, MEASURING)
     some = np.arange(len(design.width)) if quads is None else quads
-    one, two, t, s = _slots_within(design, some)
-    width = _narrowest_widths(design, bent, one, two, t, s, progress.part(0.1, 0.6))
+    first, second, t, s = _slots_within(design, some)
+    width = _narrowest_widths(design, bent, first, second, t, s, progress.part(0.1, 0.6))
     width[is_beside_absent(design.is_absent[some]).ravel()] = np.inf
     progress(0.6, MEASURING)
     near, far, u, v = _slots_between(design, bent, some)
     others = _narrowest_widths(design, bent, near, far, u, v, progress.part(0.7, 1.0))
-    arms = np.concatenate([np.stack([one, two], axis=1), np.stack([near, far], axis=1)])
+    arms = np.concatenate([np.stack([first, second], axis=1), np.stack([near, far], axis=1)])
     return SpaceSlots(arms, np.concatenate([width, others]))
 
 
 def _slots_within(
     design: SpiralDesign, quads: Int[np.ndarray, " n"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return outer and inner arm (4 n,) of every slot within spirals, and facing stations t and s (4 n, M) on them."""
+    """Return the slots within the spirals of n quads, and M pairs of facing points beside every slot.
+
+    Four arrays: the outer and the inner arms (4 n,), and positions t (4 n, M) on the outer and s on the inner arms.
+    """
     share, arms = np.linspace(0.0, DEEPEST, STATIONS), design.arms.subset(quads)
     t, s = slot_widths(arms, design.roots.left[quads], design.roots.right[quads], share)[2:]
     first = 4 * quads[:, None] + np.arange(4)
@@ -138,10 +148,16 @@ def _slots_within(
 def _slots_between(
     design: SpiralDesign, bent: BentArms, quads: Int[np.ndarray, " some"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return pairs of arms of different spirals that come close to each other, and stations near their nearest points.
+    """Return n pairs of arms of different spirals that come close to each other, and M positions on every arm.
 
-    The result is the first arms (n,), the second arms (n,), and positions t and s (n, M) on them. Left out are arms
-    that meet at a joint, and arms of different bodies, which are not connected.
+    Pairs of arms that meet at a joint, and of arms in different bodies (unconnected parts of the piece), are left out.
+
+    Returns
+    -------
+    (n,) and (n,) : the first and the second arms
+    (n, M) : positions t on the first arms, around the point that is nearest to the second arm
+    (n, M) : positions s on the second arms: M times that of the nearest point, where the search for facing sections
+        starts
     """
     count, some = design.arms.width.size, (4 * quads[:, None] + np.arange(4)).ravel()
     place = bent.place[some]
@@ -176,10 +192,20 @@ def _slots_between(
 def _near_stations(
     place: Float[np.ndarray, "arms stations 3"], reach: Float[np.ndarray, " arms"]
 ) -> Int[np.ndarray, "pairs 2"]:
-    """Return all pairs of stations that are closer than the longer reach (metres) of their arms, and some other pairs.
+    """Return all pairs of stations whose distance is below the reach of at least one of their arms, and some other
+    pairs.
 
-    Arms are searched in groups whose reach differs by less than a factor of two. With one reach for all arms, nearly
-    all arms of small quads, as at the tip of a cone, would form pairs.
+    Arms are searched in groups whose reach differs by less than a factor of two. With the largest reach for all arms,
+    nearly all arms of small quads, as at the tip of a cone, would form pairs.
+
+    Parameters
+    ----------
+    place : positions of the stations, metres
+    reach : distance below which a station of an arm forms pairs, metres
+
+    Returns
+    -------
+    (pairs, 2) : indices of the stations in the flattened ``place``
     """
     point, size = place.reshape(-1, 3), np.repeat(reach, place.shape[1])
     level = np.floor(np.log2(size / size.min()))
@@ -196,19 +222,28 @@ def _near_stations(
 def _narrowest_widths(
     design: SpiralDesign,
     bent: BentArms,
-    one: Int[np.ndarray, " slots"],
-    two: Int[np.ndarray, " slots"],
+    first: Int[np.ndarray, " slots"],
+    second: Int[np.ndarray, " slots"],
     t: Float[np.ndarray, "slots places"],
     s: Float[np.ndarray, "slots places"],
     progress: Progress,
 ) -> Float[np.ndarray, " slots"]:
-    """Return the smallest distances (n,), metres, of the arms ``one`` at t from the arms ``two`` near s."""
-    width = np.empty(len(one))
-    for some in progress.batches(len(one), BATCH, MEASURING):
-        pair, rows = (one[some], two[some]), np.arange(len(one[some]))
+    """Return the smallest distance between the two arms of every pair, metres.
+
+    Parameters
+    ----------
+    design, bent : the spirals, and the deformation of their arms
+    first, second : indices of the two arms of every pair
+    t : positions on the first arms where distances are measured
+    s : positions on the second arms where the searches for the facing sections start
+    progress : is updated and can cancel
+    """
+    width = np.empty(len(first))
+    for some in progress.batches(len(first), BATCH, MEASURING):
+        pair, rows = (first[some], second[some]), np.arange(len(first[some]))
         apart, facing = _facing_distances(design, bent, pair, t[some], s[some])
         least = apart.argmin(axis=1)
-        # second look between the neighbours of the narrowest station
+        # measure again, more closely, between the neighbours of the narrowest position
         step = np.diff(t[some], axis=1).max(axis=1)[:, None]
         closer = t[some][rows, least, None] + step * np.linspace(-1.0, 1.0, CLOSER_STATIONS)
         closer = np.clip(closer, t[some].min(axis=1)[:, None], t[some].max(axis=1)[:, None])
@@ -226,9 +261,19 @@ def _facing_distances(
     t: Float[np.ndarray, "slots places"],
     s: Float[np.ndarray, "slots places"],
 ) -> tuple[Float[np.ndarray, "slots places"], Float[np.ndarray, "slots places"]]:
-    """Return distances (metres) from sections of the first arms of ``pair`` at t to facing sections of the second arms.
+    """Return the distances between sections of the first arms and the facing sections of the second arms.
 
-    Also returns the positions of the facing sections, which are searched near s.
+    Parameters
+    ----------
+    design, bent : the spirals, and the deformation of their arms
+    pair : indices of the first arms, and of the second arms
+    t : positions of the sections on the first arms
+    s : positions on the second arms where the search for the facing sections starts
+
+    Returns
+    -------
+    (slots, places) : distances, metres
+    (slots, places) : positions of the facing sections on the second arms
     """
     mine, other = (design.arms.one_by_one(*np.divmod(arm, 4)) for arm in pair)
     here, end = _sections(bent, mine, pair[0], t), bent.hub[pair[1], None]
@@ -242,7 +287,10 @@ def _facing_distances(
 
 
 def _sections(bent: BentArms, shape: Arms, arm: np.ndarray, t: Float[np.ndarray, "arms places"]) -> _Sections:
-    """Return the cross-sections at t of the arms ``arm`` (n,), whose flat shapes are ``shape``."""
+    """Return the cross-sections at the positions t of bent arms.
+
+    arm : (n,) indices of the arms in ``bent``; shape : their flat shapes
+    """
     point, speed, change = (x[:, 0] for x in centre_line(shape, t[:, None]))
     flat = np.zeros((*t.shape, 3))
     flat[..., :2] = point - shape.centre[:, None]
@@ -256,10 +304,13 @@ def _sections(bent: BentArms, shape: Arms, arm: np.ndarray, t: Float[np.ndarray,
 
 
 def _section_distance(a: _Sections, b: _Sections, height: float) -> Float[np.ndarray, "arms places"]:
-    """Return the distances (metres) between rectangular sections of half height ``height``; negative for an overlap.
+    """Return the distances between rectangular sections a and the facing sections b, metres; negative for an overlap.
 
-    The distance is taken along the axis that separates them best (separating axis theorem), or between corners where
-    two axes separate them. Where the second arm ends before it faces the first, the distance beyond its end counts too.
+    The distance is measured along the axis that separates two sections best (separating axis theorem), or between
+    corners where two axes separate them. Where arm b ends before it faces the section a, the distance along b from its
+    end to the section is added at a right angle.
+
+    height : half of the sheet's thickness, metres
     """
     way = a.middle - b.middle
     level, tilt, tilted, upright = (np.abs(dot(x, y)) for x in (a.across, a.off) for y in (b.across, b.off))

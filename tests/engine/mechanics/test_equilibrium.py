@@ -9,10 +9,10 @@ import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.linalg import SparsityPattern, negative_eigenvalues
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import nearest_rotation
 from flexmaps.engine.mechanics.equilibrium import _bend_along_modes, other_minima, solve
 from flexmaps.engine.mechanics.loads import Loads, Springs
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
+from flexmaps.engine.mechanics.vectors import nearest_rotation
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.progress import Progress
 
