@@ -25,9 +25,10 @@ from ..engine.patches.merging.merge import merge
 from ..engine.patches.tracing.trace import trace_layout
 from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.fabricable import design_from_curvature
+from ..engine.surface import shapes
 from ..engine.surface.curvature import rms_curvature
 from ..engine.surface.mesh import QuadMesh
-from ..engine.surface.shapes import build_shape, weld_quads
+from ..engine.surface.shapes import weld_quads
 from . import chunks
 from .design_mesh import Resolution, make_mesh
 
@@ -232,7 +233,7 @@ def optimised(name: str, arms: str) -> SpiralDesign:
 
     arms : whether the arms of a spiral are "alike", in "pairs" or "each" their own
     """
-    mesh, path = build_shape("cubesphere", SIDE), DESIGNS / f"{name}.design.npz"
+    mesh, path = shapes.make("cubesphere", SIDE), DESIGNS / f"{name}.design.npz"
     if not path.is_file():
         target, spirals = mesh, SpiralParams()
         flat = merge(trace_layout(mesh, LayoutParams()), LayoutParams())

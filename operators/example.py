@@ -19,7 +19,7 @@ class Example(ImmediateOperator, AddObjectOperator, bpy.types.Operator):
         from ..bridge.view import framing, scene
         from ..engine.surface import shapes
 
-        obj = scene.add_model(context.scene, shapes.build_shape(NAME), "FlexMaps example")
+        obj = scene.add_model(context.scene, shapes.make(NAME), "FlexMaps example")
         obj.location = context.scene.cursor.location
         framing.select_only(context, obj, context.view_layer)
 

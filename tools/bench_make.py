@@ -42,7 +42,7 @@ def cases(options: Options) -> Cases:
 
 def _start(name: str, seed: int) -> tuple[QuadMesh, int]:
     """Return a surface of the zoo or a built-in one, and the number of the start."""
-    return (as_quad_mesh(zoo.SURFACES[name].polygons()) if name in zoo.SURFACES else shapes.build_shape(name)), seed
+    return (as_quad_mesh(zoo.SURFACES[name].polygons()) if name in zoo.SURFACES else shapes.make(name)), seed
 
 
 def measure(name: str, start: tuple[QuadMesh, int], options: Options) -> Rows:

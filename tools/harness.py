@@ -52,7 +52,7 @@ def surfaces(options: Options) -> Cases:
 
 def built_in(name: str) -> PolygonMesh:
     """Return one of the surfaces that the project makes, with quads of 20 mm."""
-    return PolygonMesh.from_quads(shapes.build_shape(name, EDGE))
+    return PolygonMesh.from_quads(shapes.make(name, EDGE))
 
 
 def from_zoo(*names: str) -> Cases:

@@ -39,7 +39,7 @@ class Hand:
 
     def _piece(self) -> Any:
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-        mesh = shapes.build_shape("dome")
+        mesh = shapes.make("dome")
         data = bpy.data.meshes.new("piece")
         data.from_pydata(mesh.vertices.tolist(), [], mesh.quads.tolist())
         obj = bpy.data.objects.new("piece", data)

@@ -1,6 +1,6 @@
 """Built-in surfaces for the demo, for tests and for experiments.
 
-Every shape is a function, without required arguments, that returns a QuadMesh of arbitrary size; ``build_shape`` scales it to
+Every shape is a function, without required arguments, that returns a QuadMesh of arbitrary size; ``make`` scales it to
 an edge length.
 """
 
@@ -14,7 +14,7 @@ from ..errors import FlexMapsError
 from .mesh import QuadMesh
 
 
-def build_shape(name: str, edge: float = 0.02) -> QuadMesh:
+def make(name: str, edge: float = 0.02) -> QuadMesh:
     """Return a built-in surface.
 
     Parameters

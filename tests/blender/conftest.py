@@ -95,7 +95,7 @@ def add() -> Add:
 @pytest.fixture
 def dome(add: Add) -> Any:
     """A small open surface with real curvature, quads of 20 mm."""
-    return add(shapes.build_shape("dome"))
+    return add(shapes.make("dome"))
 
 
 Once = Callable[[str, Callable[[], Any]], Any]

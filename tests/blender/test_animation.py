@@ -139,14 +139,14 @@ def test_pressed_again_it_is_replaced(animated: Any) -> None:
 
 
 def test_it_needs_a_simulation(add: Any) -> None:
-    add(shapes.build_shape("dome"))
+    add(shapes.make("dome"))
     for stage in ("trace", "spirals"):
         press(stage)
     assert not bpy.ops.flexmaps.animate.poll()
 
 
 def test_scene_units(add: Any) -> None:
-    obj = add(shapes.build_shape("dome"))
+    obj = add(shapes.make("dome"))
     bpy.context.scene.unit_settings.scale_length = 0.01
     obj.scale = (100.0,) * 3
     bpy.context.view_layer.update()

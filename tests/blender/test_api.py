@@ -38,7 +38,7 @@ def obj_file(path: Path, mesh: PolygonMesh) -> Path:
 
 
 def triangles(name: str) -> PolygonMesh:
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     corners = mesh.quads[:, [0, 1, 2, 0, 2, 3]]
     return PolygonMesh(mesh.vertices, corners.ravel(), np.full(2 * len(corners), 3))
 
@@ -47,7 +47,7 @@ def triangles(name: str) -> PolygonMesh:
 
 
 def test_a_file_an_object_and_arrays_are_the_same(tmp_path: Path, add: Any) -> None:
-    mesh = shapes.build_shape("strip")
+    mesh = shapes.make("strip")
     sources = [
         obj_file(tmp_path / "strip.obj", PolygonMesh.from_quads(mesh)),
         add(mesh),
@@ -61,7 +61,7 @@ def test_a_file_an_object_and_arrays_are_the_same(tmp_path: Path, add: Any) -> N
 
 
 def test_sizes_are_in_millimetres(tmp_path: Path) -> None:
-    path = obj_file(tmp_path / "strip.obj", PolygonMesh.from_quads(shapes.build_shape("strip", 3.7)))
+    path = obj_file(tmp_path / "strip.obj", PolygonMesh.from_quads(shapes.make("strip", 3.7)))
     vertices = api.load(path, height=50).mesh.vertices
     assert np.ptp(vertices[:, 2]) == pytest.approx(0.05)
     edges = api.regularise(api.load(path, edge=12)).mesh.edge_lengths
@@ -220,7 +220,7 @@ def test_no_arm_ends_in_the_air_unless_somebody_wants_that(dome: Any) -> None:
     def border(source: Any, **options: Any) -> str:
         return api.load(source, **options).settings.spiral.border
 
-    assert border("shape:dome") == border(shapes.build_shape("dome")) == border(dome) == "left_out"
+    assert border("shape:dome") == border(shapes.make("dome")) == border(dome) == "left_out"
     assert border("shape:dome", settings={"spiral.border": "stubs"}) == "stubs"
     assert border("shape:cubesphere") == ObjectSettings().spiral.border
     dome.flexmaps.spiral.border = "stubs"

@@ -38,7 +38,7 @@ def _base_of(obj: Any) -> Any:
 @pytest.fixture
 def piece(add: Any, once: Any) -> Any:
     def make() -> None:
-        obj = add(shapes.build_shape("dome"))
+        obj = add(shapes.make("dome"))
         obj.flexmaps.sheet.nesting = "FAST"
         obj.flexmaps.base.base = "feet"
         press("trace")

@@ -19,7 +19,7 @@ from support.buttons import press
 
 @pytest.mark.thorough
 def test_flat_shapes_that_moved_are_written(add: Any) -> None:
-    obj = add(shapes.build_shape("dome", 0.03))
+    obj = add(shapes.make("dome", 0.03))
     press("merge")
     press("spirals")
     before = np.array(attributes.read(obj.data, "flexmaps_flat"))

@@ -163,7 +163,7 @@ def test_results_to_standard_output_and_progress_to_standard_error(
 
 
 def test_the_settings_of_an_object_are_used(add: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    obj = add(shapes.build_shape("strip"))
+    obj = add(shapes.make("strip"))
     obj.flexmaps.spiral.thickness = 1.25
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "s.blend"))
     capfd.readouterr()

@@ -120,7 +120,7 @@ def _unlike_lengths(mesh: Any) -> Any:
 @pytest.mark.parametrize("name", ["dome", "torus", "vault", "saddle"])
 @pytest.mark.parametrize("keyed", [False, True])
 def test_next_gives_the_size_that_it_promises(add: Add, name: str, keyed: bool) -> None:
-    surface = _unlike_lengths(shapes.build_shape(name))
+    surface = _unlike_lengths(shapes.make(name))
     piece = add(surface.with_vertices(10.0 * surface.vertices))
     if keyed:
         _key(piece)

@@ -130,7 +130,7 @@ def test_short_ones(
 
 
 def test_for_artists(add: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    add(shapes.build_shape("strip"), "arch")
+    add(shapes.make("strip"), "arch")
     example(13)
     assert "arch: 54 spirals on" in capsys.readouterr().out
     assert "FlexMaps equilibrium" in bpy.data.objects["arch"].data.shape_keys.key_blocks
@@ -139,7 +139,7 @@ def test_for_artists(add: Any, capsys: pytest.CaptureFixture[str]) -> None:
 def test_for_makers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     meshes = tmp_path / "meshes"
     meshes.mkdir()
-    arch = shapes.build_shape("strip")
+    arch = shapes.make("strip")
     lines = [f"v {x} {y} {z}" for x, y, z in arch.vertices] + [f"f {a} {b} {c} {d}" for a, b, c, d in arch.quads + 1]
     (meshes / "arch.obj").write_text("\n".join(lines))
     (meshes / "broken.stl").write_text("solid nothing")

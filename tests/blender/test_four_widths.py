@@ -47,7 +47,7 @@ def _by_edge(obj: Any) -> dict[tuple[int, frozenset[int]], float]:
 @pytest.mark.parametrize("scale", [(1, 1, 1), (-1, 1, 1)])
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_each_width_lies_at_its_side(add: Any, scale: Any, mode: str) -> None:
-    obj = add(shapes.build_shape("cubesphere"))
+    obj = add(shapes.make("cubesphere"))
     obj.scale = scale
     bpy.context.view_layer.update()
     bpy.ops.object.mode_set(mode=mode)
@@ -66,7 +66,7 @@ def test_each_width_lies_at_its_side(add: Any, scale: Any, mode: str) -> None:
 
 
 def test_a_mirroring_that_is_applied_keeps_the_widths_at_their_sides(add: Any) -> None:
-    obj = add(shapes.build_shape("cubesphere"))
+    obj = add(shapes.make("cubesphere"))
     obj.scale = (-1, 1, 1)
     bpy.context.view_layer.update()
     press("flatten")

@@ -45,7 +45,7 @@ def free_size(area: Any) -> tuple[float, np.ndarray]:
 
 
 def test_objects_fill_the_part_beside_the_toolbar(add: Any, area: Any) -> None:
-    dome, other = add(shapes.build_shape("dome"), "dome"), add(shapes.build_shape("dome"), "other")
+    dome, other = add(shapes.make("dome"), "dome"), add(shapes.make("dome"), "other")
     other.location = (0.3, 2.5, 0.0)
     framing.select_only(bpy.context, dome, bpy.context.view_layer)
     framing.frame_views(bpy.context, other)
@@ -58,7 +58,7 @@ def test_objects_fill_the_part_beside_the_toolbar(add: Any, area: Any) -> None:
 
 
 def test_selected_faces_are_in_the_middle(add: Any, area: Any) -> None:
-    dome = add(shapes.build_shape("dome"), "dome")
+    dome = add(shapes.make("dome"), "dome")
     attributes.select(dome, np.array([3]), np.array([], dtype=int))
     corners = np.array([dome.matrix_world @ dome.data.vertices[v].co for v in dome.data.polygons[3].vertices])
     bpy.ops.object.mode_set(mode="EDIT")
@@ -70,7 +70,7 @@ def test_selected_faces_are_in_the_middle(add: Any, area: Any) -> None:
 
 
 def test_nothing_selected_moves_no_view(add: Any, area: Any) -> None:
-    add(shapes.build_shape("dome"), "dome")
+    add(shapes.make("dome"), "dome")
     bpy.ops.object.select_all(action="DESELECT")
     view = area.spaces.active.region_3d
     before = (*view.view_location, view.view_distance)
@@ -80,7 +80,7 @@ def test_nothing_selected_moves_no_view(add: Any, area: Any) -> None:
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_the_first_layout_shows_all_panels(add: Any, area: Any, mode: str) -> None:
-    dome = add(shapes.build_shape("dome"), "dome")
+    dome = add(shapes.make("dome"), "dome")
     attributes.select(dome, np.array([3]), np.array([], dtype=int))
     bpy.ops.object.mode_set(mode=mode)
     press("merge")
@@ -98,7 +98,7 @@ def pixels(area: Any, obj: Any) -> float:
 
 
 def test_a_mesh_that_was_a_dot_is_seen_once_it_is_scaled(add: Any, area: Any) -> None:
-    dome = add(shapes.build_shape("dome"), "dome")
+    dome = add(shapes.make("dome"), "dome")
     dome.scale = (1e-4,) * 3
     framing.select_only(bpy.context, dome, bpy.context.view_layer)
     area.spaces.active.region_3d.view_distance = 0.2  # about as near as Blender comes
@@ -110,7 +110,7 @@ def test_a_mesh_that_was_a_dot_is_seen_once_it_is_scaled(add: Any, area: Any) ->
 
 
 def test_undo_and_redo_of_a_scaling_take_the_view_with_them(add: Any, area: Any) -> None:
-    dome = add(shapes.build_shape("dome"), "dome")
+    dome = add(shapes.make("dome"), "dome")
     dome.scale = (10.0,) * 3
     framing.select_only(bpy.context, dome, bpy.context.view_layer)
     view = area.spaces.active.region_3d
@@ -132,10 +132,10 @@ def test_undo_and_redo_of_a_scaling_take_the_view_with_them(add: Any, area: Any)
 
 
 def test_undo_moves_no_view_of_another_object(add: Any, area: Any) -> None:
-    dome = add(shapes.build_shape("dome"), "dome")
+    dome = add(shapes.make("dome"), "dome")
     framing.select_only(bpy.context, dome, bpy.context.view_layer)
     distance = area.spaces.active.region_3d.view_distance
-    other = add(shapes.build_shape("dome"), "other")
+    other = add(shapes.make("dome"), "other")
     bpy.ops.ed.undo_push(message="before")
     other.scale = (5.0,) * 3
     bpy.ops.ed.undo_push(message="by hand")
@@ -144,9 +144,9 @@ def test_undo_moves_no_view_of_another_object(add: Any, area: Any) -> None:
 
 
 def test_the_first_layout_shows_its_panels_alone(add: Any, area: Any) -> None:
-    other = add(shapes.build_shape("dome"), "other")
+    other = add(shapes.make("dome"), "other")
     other.scale = (20.0,) * 3
-    dome = add(shapes.build_shape("dome"), "dome")
+    dome = add(shapes.make("dome"), "dome")
     assert other.select_get()
     press("merge")
     assert other.select_get() and pixels(area, dome) > 0.2 * free_size(area)[1].max()
@@ -154,7 +154,7 @@ def test_the_first_layout_shows_its_panels_alone(add: Any, area: Any) -> None:
 
 def test_views_reach_as_far_as_what_they_turn_to(add: Any, area: Any) -> None:
     """In scenes in millimetres a piece may be further away than the end of the clip range."""
-    dome = add(shapes.build_shape("dome"), "dome")
+    dome = add(shapes.make("dome"), "dome")
     space = area.spaces.active
     framing.select_only(bpy.context, dome, bpy.context.view_layer)
     small = space.clip_end

@@ -199,9 +199,9 @@ def test_real_merge_in_the_background(window: Window, add: Any, seams_of: Any) -
         continuation = layout.Merge.continuation
         finish = layout.LayoutStage.finish
 
-    here = add(shapes.build_shape("cubesphere"), "here")
+    here = add(shapes.make("cubesphere"), "here")
     bpy.ops.flexmaps.merge()
-    there = add(shapes.build_shape("cubesphere"), "there")
+    there = add(shapes.make("cubesphere"), "there")
     operator = Merge()
     assert operator.invoke(window, None) == {"RUNNING_MODAL"}
     assert drive(operator, window) == {"FINISHED"}

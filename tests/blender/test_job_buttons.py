@@ -26,7 +26,7 @@ def remesh(add: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Quad remesh as a window runs it, on a dome of triangles."""
     from flexmaps.operators import remesh as module
 
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     obj = add((mesh.vertices, [face for q in mesh.quads.tolist() for face in (q[:3], [q[0], q[2], q[3]])]))
     obj.flexmaps.remesh.quads = 150
     monkeypatch.setattr(module, "bpy", stage.bpy, raising=False)

@@ -24,7 +24,7 @@ def obj_file(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
 
 @pytest.fixture
 def dome(tmp_path: Path) -> Path:
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     return obj_file(tmp_path / "dome.obj", mesh.vertices, mesh.quads)
 
 
@@ -39,7 +39,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Everything that the job writes of the dome, with small pictures."""
-    folder, mesh = tmp_path_factory.mktemp("whole"), shapes.build_shape("dome")
+    folder, mesh = tmp_path_factory.mktemp("whole"), shapes.make("dome")
     dome = obj_file(folder / "dome.obj", mesh.vertices, mesh.quads)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(picture, "SIZE", (160, 90))
@@ -52,7 +52,7 @@ def test_everything_is_written(whole: Path) -> None:
     out = whole
     report = json.loads((out / "report.json").read_text())
     assert report["schema"] == 1
-    assert report["input"]["quads"] == len(shapes.build_shape("dome").quads)
+    assert report["input"]["quads"] == len(shapes.make("dome").quads)
     assert report["input"]["edge_mm"] == pytest.approx(20, abs=0.01)
     assert report["input"]["open"] and report["input"]["genus"] == 0
     assert report["layout"]["energy_max"] <= 0.035
@@ -86,7 +86,7 @@ def test_files_of_an_earlier_run_that_are_no_longer_true_go(whole: Path, dome: P
 
 
 def broken_inputs(folder: Path) -> dict[str, Path]:
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     triangles = np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])
     uneven = mesh.vertices * [1, 30, 1]
     lost = mesh.vertices.copy()

@@ -35,11 +35,11 @@ def flat_of(quads: QuadMesh) -> FlatPatches:
 
 @pytest.fixture
 def sphere(add: Any) -> Any:
-    return add(shapes.build_shape("cubesphere"))
+    return add(shapes.make("cubesphere"))
 
 
 def test_metres_and_world_axes(dome: Any) -> None:
-    original = shapes.build_shape("dome").vertices
+    original = shapes.make("dome").vertices
     dome.location, dome.rotation_euler, dome.scale = (3.0, -2.0, 1.0), (0.0, 0.0, pi / 2), (2.0, 2.0, 2.0)
     bpy.context.scene.unit_settings.scale_length = 0.01
     _, quads = read(dome)

@@ -116,7 +116,7 @@ def test_folds_are_counted_and_rounded_in_one_press(add: Any) -> None:
 
 
 def test_a_cure_that_cannot_help_leaves_the_mesh_as_it_was(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     before = piece.data
     with pytest.raises(RuntimeError, match="nothing of this kind"):
         bpy.ops.flexmaps.mend(what="normals")
@@ -134,7 +134,7 @@ def test_a_refusal_is_told_without_a_traceback() -> None:
 
 def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add: Any) -> None:
     """Every stage fails, whatever is pressed: what is offered comes to an end, and says where."""
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     scene, offered = bpy.context.scene, []
     for _ in range(api.pressing.MAX_PRESSES):
         act = seen(piece).action
@@ -154,7 +154,7 @@ def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add:
 
 
 def test_a_failure_is_forgotten_once_its_input_has_changed(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     failures.write(piece, bpy.context.scene, "flexmaps.spirals", FlexMapsError("There is no room", faces=[3]))
     assert any(notice.severity == STOPS for notice in seen(piece).notices)
     piece.flexmaps.export.labels = (
@@ -166,7 +166,7 @@ def test_a_failure_is_forgotten_once_its_input_has_changed(add: Any) -> None:
 
 
 def test_status_names_what_was_made_anew_or_which_setting_was_changed(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     bpy.ops.flexmaps.merge()
     bpy.ops.flexmaps.spirals()
     piece.flexmaps.spiral.width_min *= 0.9
@@ -178,7 +178,7 @@ def test_status_names_what_was_made_anew_or_which_setting_was_changed(add: Any) 
 
 
 def test_labels_and_status_are_short_enough(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     said = seen(piece)
     assert said.action is not None and len(said.action.label) <= 28 and len(said.status.text) <= 34
     assert set(states.INPUTS) >= set(guidance.STEPS)
@@ -213,7 +213,7 @@ def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
 
 @pytest.mark.parametrize("stage", ["set_size", "regularise"])
 def test_protected_spirals_stay_so_where_quads_are_moved(add: Any, stage: str) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     fields.write_protected(piece, np.array([3, 7]))
     assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}
     marks = [item.value for item in piece.data.attributes[fields.PROTECT].data]
@@ -223,7 +223,7 @@ def test_protected_spirals_stay_so_where_quads_are_moved(add: Any, stage: str) -
 @pytest.mark.parametrize("stage", ["check", "set_size"])
 def test_the_whole_mesh_is_checked_where_it_is_scaled_too(add: Any, stage: str) -> None:
     """Else *Next*, which scales many a mesh first and checks only what was not checked yet, never says that bodies cross."""
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     aside = mesh.vertices + 0.3 * np.ptp(mesh.vertices, axis=0)
     quads = np.concatenate([mesh.quads, mesh.quads + len(mesh.vertices)])
     piece = add((np.concatenate([mesh.vertices, aside]), quads))
@@ -232,7 +232,7 @@ def test_the_whole_mesh_is_checked_where_it_is_scaled_too(add: Any, stage: str) 
 
 
 def test_a_group_that_is_gone_has_a_button(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     piece.flexmaps.loads.supports = "feet"
     act = seen(piece).action
     assert act is not None and act.idname == "flexmaps.stand_on"
@@ -241,7 +241,7 @@ def test_a_group_that_is_gone_has_a_button(add: Any) -> None:
 
 
 def test_seams_that_are_there_are_offered_as_the_layout(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     piece.data.edges[5].use_seam = True
     found = seen(piece)
     assert found.action is not None and found.action.idname == "flexmaps.flatten"
@@ -266,7 +266,7 @@ def test_next_on_the_command_line_tells_every_press_and_saves(add: Any, tmp_path
 
 
 def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     block = {"rms_percent": 1.6, "converged": True, "findings": []}
     reach = {"advice": "", "remedies": {}, "prospects": {"border": 0.25, "cut": 0.9, "lowest": 0.4, "round": 0.7}}
     blocks = {"equilibrium": block, "reach": reach}
@@ -331,13 +331,13 @@ def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> 
 
 
 def test_a_cure_is_pressed_by_its_name(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     _faulty(piece, "loose-vertices")
     with pytest.raises(FlexMapsError, match="mend-loose"):
         api.press(piece, cure="mend-normals")
     told = api.press(piece, cure="mend-loose")
     assert told is not None and told["call"] == "bpy.ops.flexmaps.mend(what='loose')" and not told["error"]
-    assert len(piece.data.vertices) == len(shapes.build_shape("dome").vertices)
+    assert len(piece.data.vertices) == len(shapes.make("dome").vertices)
 
 
 def _faulty(piece: Any, code: str) -> None:
@@ -371,7 +371,7 @@ def test_quads_that_are_too_small_are_made_larger_or_fewer(add: Any, larger: flo
 
 
 def test_t_junctions_are_remeshed_unless_a_remesh_made_them(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     row = {"code": "t-junction", "severity": "error", "message": "1 T-junction", "faces": [0], "edges": [0]}
     (notice,) = notices._from_checks(piece, bpy.context.scene, [row])
     assert [cure.idname for cure in notice.cures] == ["flexmaps.quad_remesh"]

@@ -17,7 +17,7 @@ QUICK = {"quads": 60, "iterations": 1, "patience": 0.02, "nesting": "FAST"}
 
 
 def _quads(add: Any) -> Any:
-    return add(shapes.build_shape("dome"))
+    return add(shapes.make("dome"))
 
 
 def _triangles(add: Any) -> Any:

@@ -19,7 +19,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     add: Any, code: str | None, cut: float | None, offered: list[str]
 ) -> None:
     """The cut comes first where it is near enough; each is offered once, and layouts are proposed once."""
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     rows = [] if code is None else [{"code": code, "message": "", "faces": [], "edges": [], "severity": "warning"}]
     block = {"rms_percent": 2.0, "largest_percent": 3.0, "converged": True, "findings": rows}
     reach = {"advice": "", "remedies": {}, "prospects": {"lowest": 0.1} | ({} if cut is None else {"cut": cut})}
@@ -49,7 +49,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
 def test_next_leaves_layouts_out_where_rounded_folds_come_near_enough(
     add: Any, rounded: float, offered: list[str]
 ) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     block = {"rms_percent": 2.0, "largest_percent": 3.0, "converged": True, "findings": []}
     reach = {"advice": "", "remedies": {}, "prospects": {"round": rounded, "lowest": 0.1}}
     seen_notices = shape_notices.from_equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
@@ -61,7 +61,7 @@ def test_next_leaves_layouts_out_where_rounded_folds_come_near_enough(
 
 def test_another_size_is_tried_before_another_search(add: Any) -> None:
     """The piece is searched anew in its new size, and a search does not take back much strain."""
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     rows = [
         {"code": code, "severity": "warning", "message": code, "faces": [0], "edges": []}
         for code in ("knotted", "strained")
@@ -76,7 +76,7 @@ def test_another_size_is_tried_before_another_search(add: Any) -> None:
 
 
 def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     reach = {"advice": "", "remedies": {"cut": None}}
     flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
     block = {"rms_percent": 5.0, "converged": True, "findings": [flat]}
@@ -104,7 +104,7 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
 )
 def test_a_piece_of_one_body_that_stays_flat_is_held(add: Any, percent: float, bodies: int, kind: str) -> None:
     """Nothing but supports makes it rise; of several bodies a small one may be flat while the piece is near."""
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
     block = {"rms_percent": percent, "converged": True, "findings": [flat]}
     checks = [{"code": "several-bodies"}] if bodies > 1 else []
@@ -116,7 +116,7 @@ def test_a_piece_of_one_body_that_stays_flat_is_held(add: Any, percent: float, b
 
 
 def test_a_small_body_that_stays_flat_does_not_hide_how_far_the_piece_is(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
     reach = {"advice": "", "remedies": {}, "prospects": {"lowest": 0.4}}
     for percent, told in ((1.5, True), (5.0, False), (0.5, False)):

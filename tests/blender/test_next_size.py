@@ -55,7 +55,7 @@ def _next(piece: Any) -> str:
 
 
 def test_who_wants_a_small_piece_goes_on(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     scene, blocks = bpy.context.scene, {"layout": {"strain_softest": 1e3}}
     assert not notices._too_small(piece, scene, blocks)  # of unknown settings
     states.stamp_side_result(piece, scene, "forecast")
@@ -75,7 +75,7 @@ def test_who_wants_a_small_piece_goes_on(add: Any) -> None:
     "setting, value", [("spiral.thickness", 1.0), ("material.material", "birch"), ("simulate.model", "rod")]
 )
 def test_a_forecast_of_strains_is_forgotten_once_its_input_has_changed(add: Any, setting: str, value: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     scene, blocks = bpy.context.scene, {"layout": {"strain_softest": 3.0}}
     states.stamp_side_result(piece, scene, "forecast")
     assert notices._too_small(piece, scene, blocks)
@@ -85,7 +85,7 @@ def test_a_forecast_of_strains_is_forgotten_once_its_input_has_changed(add: Any,
 
 
 def test_a_shape_answers_the_forecast_of_its_strains_even_if_it_is_out_of_date(add: Any) -> None:
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     scene, blocks = bpy.context.scene, {"layout": {"strain_softest": 3.0}}
     states.stamp_side_result(piece, scene, "forecast")
     stored_report.write(piece.data, "equilibrium", {"strain_share_max": 0.9})

@@ -19,7 +19,7 @@ BUTTONS = ("check", "regularise", "trace", "merge", "flatten", "update_from_seam
 
 @pytest.fixture
 def sphere(add: Any) -> Any:
-    return add(shapes.build_shape("cubesphere"))
+    return add(shapes.make("cubesphere"))
 
 
 # -- the walk ----------------------------------------------------------------------------------------------------------
@@ -85,9 +85,9 @@ def test_size(dome: Any) -> None:
 @pytest.mark.parametrize("unit, scale", [(0.001, (1000, 1000, 1000)), (1.0, (-1, 1, 1)), (1.0, (0.5, 0.5, 0.5))])
 def test_the_same_piece_in_any_unit_and_frame(add: Any, unit: float, scale: Any) -> None:
     """Scene units, mirroring and the object's scale change numbers in Blender, not the piece."""
-    plain = add(shapes.build_shape("cubesphere"), "plain")
+    plain = add(shapes.make("cubesphere"), "plain")
     press("trace")
-    mesh = shapes.build_shape("cubesphere")
+    mesh = shapes.make("cubesphere")
     other = add(
         (mesh.vertices / np.array(scale) / unit, mesh.quads if min(scale) > 0 else mesh.quads[:, ::-1]), "other"
     )
@@ -195,7 +195,7 @@ def test_outlines_beside_are_the_true_ones(dome: Any) -> None:
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 @pytest.mark.parametrize("button", ["regularise", "trace", "merge", "flatten"])
 def test_an_error_selects_the_culprits_and_changes_nothing(add: Any, content: Any, button: str, mode: str) -> None:
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     faces = [*mesh.quads[:-1].tolist(), mesh.quads[-1][:3].tolist()]
     obj = add((mesh.vertices, faces))
     bpy.ops.object.mode_set(mode=mode)
@@ -231,7 +231,7 @@ def test_later_stages_select_the_culprits_too(add: Any, tmp_path: Path) -> None:
 
 
 def test_check_lists_what_is_wrong_and_shows_it(add: Any) -> None:
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     obj = add((mesh.vertices, [*mesh.quads[:-1].tolist(), mesh.quads[-1][:3].tolist()]))
     with pytest.raises(RuntimeError, match="remesh"):
         bpy.ops.flexmaps.check()

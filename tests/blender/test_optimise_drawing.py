@@ -129,7 +129,7 @@ def test_limits_as_colours(piece: Any, attribute: Any) -> None:
 
 def test_many_panels_are_drawn_light() -> None:
     """The upper side of the panels covers what the design's own outline says."""
-    quads = shapes.build_shape("dome")
+    quads = shapes.make("dome")
     surface = make_disks(mesh_layout(quads))
     made = uniform_design(flatten(surface, LayoutParams()), SpiralParams(), twist=2.0)
     centres = arrange.arrange_patches(made.flat)

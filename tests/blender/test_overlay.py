@@ -15,7 +15,7 @@ from support.buttons import press
 
 @pytest.fixture
 def sphere(add: Any) -> Any:
-    return add(shapes.build_shape("cubesphere"))
+    return add(shapes.make("cubesphere"))
 
 
 def test_overlay_shows_and_hides(dome: Any, attribute: Any) -> None:

@@ -27,7 +27,7 @@ def points_of(obj: Any) -> np.ndarray:
 
 
 def test_needs_spirals(add: Any) -> None:
-    add(shapes.build_shape("dome"))
+    add(shapes.make("dome"))
     assert not bpy.ops.flexmaps.preview.poll()
 
 
@@ -164,7 +164,7 @@ def test_connectors_are_drawn_on_request(piece: Any) -> None:
 
 def test_scene_units_and_a_mirrored_object(add: Any) -> None:
     """A piece of the same size in other units, mirrored: the preview has its true size and place all the same."""
-    obj = add(shapes.build_shape("dome"))
+    obj = add(shapes.make("dome"))
     bpy.context.scene.unit_settings.scale_length = 0.001
     obj.scale = (-1000.0, 1000.0, 1000.0)
     bpy.context.view_layer.update()

@@ -30,7 +30,7 @@ def test_suzanne_becomes_an_accepted_quad_mesh() -> None:
 
 
 def test_an_open_surface_stays_open(add: Any) -> None:
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     triangles = np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])
     obj = add((mesh.vertices, triangles))
     obj.flexmaps.remesh.quads = 150
@@ -131,7 +131,7 @@ def test_the_button_asks_for_as_many_quads_as_the_warning(add: Any) -> None:
     from flexmaps.engine.surface.remeshing.bodies import target_surface
     from flexmaps.engine.surface.remeshing.coverage import warn_of_gaps
 
-    ball = shapes.build_shape("cubesphere")
+    ball = shapes.make("cubesphere")
     half = PolygonMesh.from_quads(ball).subset(ball.centroids[:, 2] > ball.centroids[:, 2].mean())
     obj = add((half.vertices, half.corners.reshape(-1, 4)))
     (found,) = warn_of_gaps(
@@ -160,7 +160,7 @@ def test_the_size_of_a_surface_does_not_matter(size: float) -> None:
 
 def test_pressed_in_edit_mode_it_goes_to_object_mode(add: Any) -> None:
     """Check shows what is wrong in edit mode, and this is what it advises."""
-    good = shapes.build_shape("dome")
+    good = shapes.make("dome")
     obj = add((good.vertices, np.concatenate([good.quads[:, :3], good.quads[:, [0, 2, 3]]])))
     obj.flexmaps.remesh.quads = 60
     bpy.ops.object.mode_set(mode="EDIT")

@@ -48,7 +48,7 @@ def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path
 
 @pytest.mark.parametrize("stage", ["check", "merge"])
 def test_a_job_that_was_stopped_early(stage: str) -> None:
-    early = job.run(PolygonMesh.from_quads(shapes.build_shape("strip")), Settings(), stop_after=stage)
+    early = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after=stage)
     obj = scene.show_result(early)
     kinds = {o.get("flexmaps_kind") for o in bpy.data.objects} - {None}
     assert kinds == (set() if stage == "check" else {"panels", "seams"})
@@ -122,7 +122,7 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     """Volume of the closed solid (trimesh) against area of the outlines times thickness."""
     import trimesh
 
-    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=clockwise))
     shape = solids.make_solids(made, arrange.arrange_patches(flat))
     starts = np.cumsum(shape.sizes) - shape.sizes
@@ -148,7 +148,7 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
 def test_solids_of_very_many_spirals_have_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     import trimesh
 
-    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
     made, centres = fabricable.uniform_design(flat, SpiralParams()), arrange.arrange_patches(flat)
     faces = len(solids.make_solids(made, centres).sizes)
     monkeypatch.setattr(solids, "MAX_FACES", faces // 2)

@@ -13,7 +13,7 @@ from support.buttons import faces_of, press, report
 
 @pytest.fixture
 def sphere(add: Any) -> Any:
-    return add(shapes.build_shape("cubesphere"))
+    return add(shapes.make("cubesphere"))
 
 
 def line_across(obj: Any) -> list[int]:

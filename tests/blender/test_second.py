@@ -20,7 +20,7 @@ from flexmaps.engine.surface.remeshing import requad
 
 @pytest.fixture
 def dome() -> PolygonMesh:
-    return PolygonMesh.from_quads(shapes.build_shape("dome"))
+    return PolygonMesh.from_quads(shapes.make("dome"))
 
 
 def test_it_has_user_files_of_its_own(dome: PolygonMesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

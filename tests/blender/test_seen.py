@@ -15,7 +15,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 from support.drawing import draw
 
-DOME = shapes.build_shape("dome")
+DOME = shapes.make("dome")
 SIZE = np.ptp(DOME.vertices, axis=0)
 
 

@@ -57,7 +57,7 @@ def test_overloaded_connectors_are_counted_by_seams_and_hold_in_a_larger_piece()
 
 def test_closed_slots_have_no_cure_that_does_not_open_them(add: Any) -> None:
     """A larger piece bends alike: its slots close too. The sentence names the brush that opens them."""
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     row = {"code": "slots-close", "message": "2 slots close", "faces": [1, 2]}
     blocks = {
         "equilibrium": {"findings": [row], "rms_percent": 0.1, "converged": True},
@@ -73,7 +73,7 @@ def test_information_hinders_nothing_that_could_be_dismissed(add: Any) -> None:
         {"code": code, "severity": "warning", "message": "", "faces": []}
         for code in ("several-bodies", "bodies-cross", "concave")
     ]
-    found = notices._from_checks(add(shapes.build_shape("dome")), bpy.context.scene, rows)
+    found = notices._from_checks(add(shapes.make("dome")), bpy.context.scene, rows)
     dismissed = [one.key for one in found if "flexmaps.let_go" in {cure.idname for cure in one.cures}]
     assert dismissed == ["checks/concave"]
 
@@ -91,7 +91,7 @@ def test_several_bodies_that_are_far_are_one_row() -> None:
 
 def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -> None:
     """A warning before anything is simulated, information once the shape is near and nothing breaks, a warning else."""
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     small = Notice(
         "checks/small-quads", "Small quads: 2", "2 are small", finding_words.WORSE, cures=(cures.enlarge(1.4),)
     )
@@ -114,7 +114,7 @@ def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -
 @pytest.mark.parametrize("share, said", [(0.914, "over 91 %"), (0.916, "92 %, 91 %"), (1.0513, "105 %, 91 %")])
 def test_the_status_says_the_strain_that_the_row_says(add: Any, share: float, said: str) -> None:
     """And what is allowed, which is another figure."""
-    piece = add(shapes.build_shape("dome"))
+    piece = add(shapes.make("dome"))
     block = {"strain_share_max": share, "findings": []}
     stored_report.write(piece.data, "equilibrium", block)
     row = equilibrium.describe_finding({"code": "strained", "faces": [0, 1], "message": ""}, block)

@@ -16,7 +16,7 @@ from flexmaps.engine.surface import shapes
 
 @pytest.fixture
 def piece(add: Any) -> Any:
-    return add(shapes.build_shape("dome"))
+    return add(shapes.make("dome"))
 
 
 def finding(code: str, message: str = "It is so.") -> dict[str, Any]:

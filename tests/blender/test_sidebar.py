@@ -180,7 +180,7 @@ def test_a_running_job_stands_in_the_row_of_next(dome: Any) -> None:
 
 
 def test_the_size_is_set_in_millimetres(add: Any) -> None:
-    obj = add(shapes.build_shape("dome"))
+    obj = add(shapes.make("dome"))
     bpy.context.scene.unit_settings.scale_length = 0.01
     obj.scale = (50.0, 50.0, 50.0)
     bpy.context.view_layer.update()
@@ -228,7 +228,7 @@ def test_nothing_ends_in_the_air_unless_somebody_wants_it(add: Any) -> None:
     bpy.ops.flexmaps.quad_remesh(quads=60)
     remeshed, plain, chosen, closed = (
         bpy.context.object,
-        *(add(shapes.build_shape(name)) for name in ("dome", "dome", "torus")),
+        *(add(shapes.make(name)) for name in ("dome", "dome", "torus")),
     )
     chosen.flexmaps.spiral.border = "stubs"
     for obj, wanted in ((remeshed, "left_out"), (plain, "left_out"), (chosen, "stubs"), (closed, "stubs")):

@@ -108,7 +108,7 @@ def test_main_job_tells_what_is_outside_the_model(tmp_path: Path) -> None:
 
 
 def test_default_shapes_simulate_without_a_warning(add: Any) -> None:
-    add(shapes.build_shape("saddle"))
+    add(shapes.make("saddle"))
     for button in ("merge", "spirals", "simulate"):
         press(button)
     assert equilibrium.is_reliable(stored_report.read(bpy.context.object.data)["equilibrium"])

@@ -137,7 +137,7 @@ def test_done_in_either_mode_and_after_leaving_it(piece: Any, mode: str) -> None
 
 
 def test_a_mesh_of_triangles_is_to_be_remeshed(add: Any) -> None:
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     obj = add((mesh.vertices, np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])))
     assert offered(obj) == "quad_remesh"
 

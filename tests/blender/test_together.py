@@ -20,7 +20,7 @@ def two(add: Any, tmp_path: Path) -> list[bpy.types.Object]:
     """A dome and a strip, both with spirals and selected; the dome is the active one."""
     made = []
     for name in ("strip", "dome"):
-        mesh = shapes.build_shape(name, 0.02)
+        mesh = shapes.make(name, 0.02)
         obj = add((mesh.vertices, mesh.quads))
         obj.name = name
         obj.flexmaps.export.folder, obj.flexmaps.sheet.nesting = str(tmp_path / "out"), "FAST"
@@ -49,7 +49,7 @@ def test_all_selected_objects_by_one_button(two: list[bpy.types.Object], tmp_pat
 
 
 def test_what_has_no_spirals_is_named(two: list[bpy.types.Object], add: Any) -> None:
-    mesh = shapes.build_shape("quad", 0.02)
+    mesh = shapes.make("quad", 0.02)
     bare = add((mesh.vertices, mesh.quads))
     bare.name = "bare"
     for obj in (*two, bare):

@@ -61,8 +61,8 @@ def cluster(processes):
 
 def test_answers_and_errors_come_back_as_themselves(cluster):
     assert [f.result() for _, f in sorted(as_completed(cluster, math.factorial, [1, 5, 9]))] == [1, 120, 362880]
-    found = dict(as_completed(cluster, shapes.build_shape, ["dome", "no such shape"]))
-    assert len(found[0].result().quads) == len(shapes.build_shape("dome").quads)
+    found = dict(as_completed(cluster, shapes.make, ["dome", "no such shape"]))
+    assert len(found[0].result().quads) == len(shapes.make("dome").quads)
     assert isinstance(found[1].exception(), FlexMapsError)
     assert isinstance(dict(as_completed(cluster, eval, ["1 / 0"]))[0].exception(), ZeroDivisionError)
     pids = {f.result() for _, f in as_completed(cluster, eval, ["__import__('os').getpid()"] * 8)}

@@ -26,8 +26,8 @@ def test_answers_come_in_the_order_of_the_items() -> None:
         assert together(math.factorial, list(range(12)), SILENT) == [math.factorial(n) for n in range(12)]
         # the engine's own functions are found there under the name that they have here
         names = ["dome", "strip"]
-        meshes = together(shapes.build_shape, names, SILENT)
-        assert [len(mesh.quads) for mesh in meshes] == [len(shapes.build_shape(name).quads) for name in names]
+        meshes = together(shapes.make, names, SILENT)
+        assert [len(mesh.quads) for mesh in meshes] == [len(shapes.make(name).quads) for name in names]
 
 
 @needs_python
@@ -42,7 +42,7 @@ def test_work_is_done_in_other_processes_of_one_thread() -> None:
 def test_what_a_function_raises_is_raised_here_that_of_the_first_item() -> None:
     with Workers(2) as together:
         with pytest.raises(FlexMapsError, match=r"no built-in shape|no shape"):
-            together(shapes.build_shape, ["dome", "no such shape"], SILENT)
+            together(shapes.make, ["dome", "no such shape"], SILENT)
         with pytest.raises(ZeroDivisionError):
             together(eval, ["1", "1 / 0", "int('x')"], SILENT)
         assert together(math.sqrt, [4.0, 9.0], SILENT) == [2.0, 3.0]  # the processes are still there

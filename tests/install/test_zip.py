@@ -29,7 +29,7 @@ early = sorted(heavy & set(sys.modules))
 
 from bl_ext.user_default.flexmaps.bridge.view import scene
 from bl_ext.user_default.flexmaps.engine.surface import shapes
-obj = scene.add_model(bpy.context.scene, shapes.build_shape("dome"), "dome")
+obj = scene.add_model(bpy.context.scene, shapes.make("dome"), "dome")
 done = {}
 for stage in ("check", "regularise", "trace", "merge", "spirals", "simulate"):
     done[stage] = sorted(getattr(bpy.ops.flexmaps, stage)())

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.timeout(600)  # drawn by software, maybe on a busy mach
 
 
 def result(name: str) -> Result:
-    return job.run(PolygonMesh.from_quads(shapes.build_shape(name)), SETTINGS, stop_after="simulate", supports="lowest")
+    return job.run(PolygonMesh.from_quads(shapes.make(name)), SETTINGS, stop_after="simulate", supports="lowest")
 
 
 def written(found: Result, folder: Path, name: str) -> Path:

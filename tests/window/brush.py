@@ -31,7 +31,7 @@ def spirals(obj):
 def begin():
     yield from installed()
     module = importlib.import_module("bl_ext.user_default.flexmaps.engine.surface.shapes")
-    mesh = module.build_shape("saddle", 0.02)
+    mesh = module.make("saddle", 0.02)
     data = bpy.data.meshes.new("saddle")
     data.from_pydata(mesh.vertices.tolist(), [], mesh.quads.tolist())
     obj = bpy.data.objects.new("saddle", data)

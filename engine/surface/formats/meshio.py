@@ -144,7 +144,7 @@ def read_upright(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
     """
     if source.startswith(SHAPE_PREFIX):
         name = source.removeprefix(SHAPE_PREFIX)
-        return name, PolygonMesh.from_quads(shapes.build_shape(name))
+        return name, PolygonMesh.from_quads(shapes.make(name))
     axis = up or ("y" if source.lower().endswith(".obj") else "z")
     turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
     if axis not in turned:

@@ -30,7 +30,7 @@ from flexmaps.engine.surface import shapes
 )
 def test_moved_points_are_those_of_panels_made_anew(border: str, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solids.make_light_solids, "__defaults__", ((), most, None))
-    mesh = shapes.build_shape("saddle", 0.025)
+    mesh = shapes.make("saddle", 0.025)
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     design = uniform_design(flat, SpiralParams(border=border), twist=2.0)
     panels = MovingPanels(design)

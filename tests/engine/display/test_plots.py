@@ -10,7 +10,7 @@ from flexmaps.engine.surface import shapes
 
 
 def test_both_sides_of_a_surface_are_lit_alike() -> None:
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     grey = Colouring("", np.full((len(mesh.quads), 3), 0.5))
     plain = np.zeros((len(mesh.quads), 4), dtype=bool)
     front, back = (

@@ -29,7 +29,7 @@ POM = MATERIALS["pom"]
 @pytest.fixture(scope="module", params=["dome", "strip"])
 def piece(request):
     """Panels with seams, and where they rest."""
-    mesh = shapes.build_shape(request.param)
+    mesh = shapes.make(request.param)
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
@@ -38,7 +38,7 @@ def piece(request):
 @pytest.fixture(scope="module")
 def rimmed():
     """A dome of panels with a rim, and where it rests."""
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(border="rim"), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose

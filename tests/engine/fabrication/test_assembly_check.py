@@ -54,7 +54,7 @@ def test_differences_along_a_seam_do_not_cancel(flat_grid):
 def test_sides_keep_together_within_one_panel():
     """Along a cut inside a panel both sides have the same patch: the path tells which is which."""
     params = LayoutParams()
-    flat = merge.merge(trace.trace_layout(shapes.build_shape("cubesphere"), params), params)
+    flat = merge.merge(trace.trace_layout(shapes.make("cubesphere"), params), params)
     made = fabricable.uniform_design(flat, SpiralParams())
     layout, mesh = flat.layout, flat.layout.mesh
     for seam, edges in zip(assembly_check.check_assembly(made).seams, layout.seams, strict=True):

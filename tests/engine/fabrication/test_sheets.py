@@ -317,7 +317,7 @@ def test_sheets_of_real_layouts(name):
     from flexmaps.engine.patches.tracing import trace
     from flexmaps.engine.surface import curvature, shapes
 
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     result = sheets.make_sheets(
         fabricable.design_from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)),
@@ -382,7 +382,7 @@ def test_a_smaller_sheet_after_the_layout_is_refused_where_the_panels_could_be_c
 
 
 def test_the_job_refuses_sheets_smaller_than_its_layout():
-    result = job.run(PolygonMesh.from_quads(shapes.build_shape("strip")), Settings(), stop_after="spirals")
+    result = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after="spirals")
     smaller = Settings(sheet=SheetParams(sheet_width=0.07, sheet_height=0.06))
     with pytest.raises(FlexMapsError, match="make the layout again"):
         job.run_stages(result, smaller, ["sheets"])

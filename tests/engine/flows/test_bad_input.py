@@ -19,14 +19,14 @@ def _write(out, name="sheet", **blocks):
     with files.write_all_atomically() as new:
         made = {key: make() for key, make in blocks.items()}
         settings = Settings(**{"sheet": SheetParams(**QUICK)} | made)
-        result = job.run(PolygonMesh.from_quads(shapes.build_shape("strip")), settings, edge=0.02)
+        result = job.run(PolygonMesh.from_quads(shapes.make("strip")), settings, edge=0.02)
         return export.write_sheets(result.sheets, out / name, ("svg",), new)
 
 
 @pytest.fixture(scope="module")
 def strip():
     settings = Settings(sheet=SheetParams(**QUICK))
-    return job.run(PolygonMesh.from_quads(shapes.build_shape("strip")), settings, edge=0.02).sheets
+    return job.run(PolygonMesh.from_quads(shapes.make("strip")), settings, edge=0.02).sheets
 
 
 @pytest.fixture

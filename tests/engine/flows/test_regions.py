@@ -80,7 +80,7 @@ def sound(made: FlatPatches) -> dict[str, object]:
 
 @pytest.mark.parametrize("name", ["cubesphere", pytest.param("torus", marks=pytest.mark.thorough)])
 def test_irregular_vertices_everywhere_do_not_shatter_a_surface(name: str) -> None:
-    mesh = thirds(shapes.build_shape(name))
+    mesh = thirds(shapes.make(name))
     made = merged(mesh)
     sound(made)
     assert len(made.layout.patches) <= 8
@@ -170,7 +170,7 @@ def test_a_cut_that_floats_is_no_hole() -> None:
 
 
 def test_regions_are_connected_and_lie_flat() -> None:
-    mesh = thirds(shapes.build_shape("torus"))
+    mesh = thirds(shapes.make("torus"))
     layout = RegionHalver(mesh, PARAMS).region_layout(np.arange(len(mesh.quads)))
     assert layout.is_flattenable.all()
     assert flatten.flatten(layout, PARAMS).energy.max() <= PARAMS.distortion_limit
@@ -179,7 +179,7 @@ def test_regions_are_connected_and_lie_flat() -> None:
 def test_angle_defects_sum_up_to_the_euler_number() -> None:
     """Gauss and Bonnet: 2 pi times the Euler number of a closed surface."""
     for name, euler in (("cubesphere", 2), ("torus", 0), ("three_holes", -4)):
-        at_vertices, in_quads = curvature.angle_defects(shapes.build_shape(name))
+        at_vertices, in_quads = curvature.angle_defects(shapes.make(name))
         assert at_vertices.sum() + in_quads.sum() == pytest.approx(2 * np.pi * euler, abs=1e-9)
 
 
@@ -244,7 +244,7 @@ def test_a_surface_that_bends_one_way_is_cut_along_a_straight_line() -> None:
 
 @pytest.mark.parametrize("name", ["dome", pytest.param("three_holes", marks=pytest.mark.thorough)])
 def test_merging_what_was_merged_changes_nothing(name: str) -> None:
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     once = merged(mesh)
     again = merge.merge(PatchLayout(mesh, once.layout.cut), PARAMS)
     assert (again.layout.cut == once.layout.cut).all()

@@ -47,7 +47,7 @@ def polygon(outline):
 @lru_cache(maxsize=4)
 def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
     settings = Settings(spiral=RIM, choose=ChooseParams(goal="panels"))
-    found = job.run(PolygonMesh.from_quads(shapes.build_shape(name, edge)), settings, edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make(name, edge)), settings, edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 

@@ -59,12 +59,12 @@ def test_bad_supports_are_refused(make: object, message: str) -> None:
 def test_supports_that_name_no_quad_are_refused(which: object) -> None:
     """Digits of other scripts among them: what looks like a number here but not there is better typed again."""
     with pytest.raises(FlexMapsError, match=r"Supports '|cannot be a support|list of supports is empty") as caught:
-        parse_supports(shapes.build_shape("cubesphere"), which)  # type: ignore[arg-type]
+        parse_supports(shapes.make("cubesphere"), which)  # type: ignore[arg-type]
     assert len(str(caught.value)) < 200
 
 
 def test_supports_by_number() -> None:
-    mesh = shapes.build_shape("cubesphere")
+    mesh = shapes.make("cubesphere")
     assert parse_supports(mesh, " 3, +4 ,3").tolist() == [3, 4]
     assert parse_supports(mesh, np.array([149, 0])).tolist() == [0, 149]
 

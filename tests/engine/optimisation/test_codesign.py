@@ -50,7 +50,7 @@ LIMIT, SEAM = 0.035, 0.06
 @lru_cache(maxsize=2)
 def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
     found = job.run(
-        PolygonMesh.from_quads(shapes.build_shape(name, 0.03)),
+        PolygonMesh.from_quads(shapes.make(name, 0.03)),
         Settings(choose=ChooseParams(goal="panels")),
         edge=0.02,
         stop_after="spirals",

@@ -16,9 +16,7 @@ from scipy.spatial.transform import Rotation
 @pytest.mark.usefixtures("predicted_match")  # with more panels, some spirals match
 def test_shares_are_those_of_the_squared_mismatch_and_what_matches_is_said_to_match() -> None:
     """The mismatch of a spiral: its place among its neighbours, minus that in the target turned over it (Kabsch by scipy)."""
-    made = job.run(
-        PolygonMesh.from_quads(shapes.build_shape("dome", 0.03)), Settings(), edge=0.02, stop_after="spirals"
-    )
+    made = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.03)), Settings(), edge=0.02, stop_after="spirals")
     assert made.design is not None
     found = simulate(made.design, made.mesh, Settings().material.chosen, SimulateParams())
     limits = find_limits(found, remedies=False)

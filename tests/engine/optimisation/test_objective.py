@@ -25,7 +25,7 @@ VERO = MATERIALS["vero"]
 
 @lru_cache(maxsize=2)
 def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.from_quads(shapes.build_shape(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 

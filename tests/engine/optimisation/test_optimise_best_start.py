@@ -42,9 +42,7 @@ def test_a_start_too_far_away_is_not_taken() -> None:
 
 def made_dome() -> Any:
     """A dome with spirals, as the stage *Spirals* makes them."""
-    return job.run(
-        PolygonMesh.from_quads(shapes.build_shape("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals"
-    )
+    return job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
 
 
 @pytest.mark.parametrize(("scale", "names"), [(1.0, {"given", "uniform"}), (0.5, {"given", "curvature", "uniform"})])
@@ -71,7 +69,7 @@ def test_a_result_too_far_away_is_worth_nothing() -> None:
 
 def test_every_body_is_taken_from_the_result_where_it_matches_best() -> None:
     """Of two equal domes, the first has the better spirals in one result, and the second in the other."""
-    polygons = PolygonMesh.from_quads(shapes.build_shape("dome", 0.04))
+    polygons = PolygonMesh.from_quads(shapes.make("dome", 0.04))
     apart = polygons.vertices + np.array([2.0 * np.ptp(polygons.vertices[:, 0]), 0.0, 0.0])
     corners = np.concatenate([polygons.corners, polygons.corners + len(polygons.vertices)])
     two = PolygonMesh(np.concatenate([polygons.vertices, apart]), corners, np.tile(polygons.sizes, 2))

@@ -118,7 +118,7 @@ def test_every_kind_has_its_remedies(kind: str, wanted: list[str]) -> None:
 def dome() -> Result:
     """In as few panels as the limits allow, so that its arms are strained."""
     few = Settings(choose=ChooseParams(goal="panels"))
-    return job.run(PolygonMesh.from_quads(shapes.build_shape("dome")), few, edge=0.02, stop_after="spirals")
+    return job.run(PolygonMesh.from_quads(shapes.make("dome")), few, edge=0.02, stop_after="spirals")
 
 
 def on_sheets_of(side: float) -> Settings:

@@ -34,7 +34,7 @@ from flexmaps.engine.surface import shapes
 @pytest.fixture(scope="module")
 def wound() -> tuple[Task, SimulatedResult]:
     """A dome of spirals wound so far that slots close, as a search would have left it."""
-    mesh, pom = shapes.build_shape("dome"), find_material("pom")
+    mesh, pom = shapes.make("dome"), find_material("pom")
     flat, count = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams()), len(mesh.quads)
     params = SpiralParams(width_min=0.0006)
     made = fabricable.make_fabricable(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))

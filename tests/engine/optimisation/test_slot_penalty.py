@@ -34,7 +34,7 @@ NARROW = 0.0006  # metres
 @lru_cache(maxsize=2)
 def simulated(name: str, twist: float) -> Simulation:
     """Alike spirals on a surface, in their equilibrium."""
-    found = job.run(PolygonMesh.from_quads(shapes.build_shape(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
     made = uniform_design(found.flat, found.design.params, width=0.0016, twist=twist)
     return simulate(made, found.mesh, VERO, SimulateParams(), quick=True)
 
@@ -234,9 +234,7 @@ def test_hubs_end_where_the_slots_of_regular_spirals_do() -> None:
 
 @pytest.mark.thorough
 def test_optimised_spirals_keep_their_slots_open() -> None:
-    found = job.run(
-        PolygonMesh.from_quads(shapes.build_shape("dome", 0.05)), Settings(), edge=0.02, stop_after="spirals"
-    )
+    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.05)), Settings(), edge=0.02, stop_after="spirals")
     physics, closed = SimulateParams(), {}
     for keep in (False, True):
         params = OptimiseParams(codesign=False, strain_share=0.0, open_slots=keep, iterations=30)

@@ -42,9 +42,7 @@ MODES = 3
 
 @lru_cache(maxsize=1)
 def made() -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(
-        PolygonMesh.from_quads(shapes.build_shape("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals"
-    )
+    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 

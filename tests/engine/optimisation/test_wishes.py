@@ -16,7 +16,7 @@ from flexmaps.engine.surface import shapes
 
 @pytest.mark.parametrize(("name", "panels"), [("saddle", 1), pytest.param("dome", 5, marks=pytest.mark.thorough)])
 def test_of_a_panel_that_lies_flat_spirals_change_nothing_and_it_is_said(name: str, panels: int) -> None:
-    mesh = shapes.build_shape(name, 0.04)
+    mesh = shapes.make(name, 0.04)
     mesh = mesh.with_vertices(mesh.vertices * (0.02 / mesh.median_edge))
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     assert len(flat.layout.patches) == panels

@@ -129,7 +129,7 @@ def test_settings_of_two_sections_that_bound_each_other(low, high, remedy):
 def test_a_stage_that_makes_something_refuses_settings_that_cross_before_it_begins():
     crossed = with_values(ObjectSettings(), {"cut.kerf_holes": 0.5})
     flat = job.run(
-        PolygonMesh.from_quads(shapes.build_shape("strip")), crossed, stop_after="split"
+        PolygonMesh.from_quads(shapes.make("strip")), crossed, stop_after="split"
     )  # has nothing to do with the cutter
     with pytest.raises(FlexMapsError, match=r"Kerf, holes 0\.5 mm is above Smallest slot 0\.3 mm"):
         job.run_stages(flat, crossed, ["spirals"])

@@ -12,7 +12,7 @@ from flexmaps.engine.surface.mesh import QuadMesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-DOME = shapes.build_shape("dome")
+DOME = shapes.make("dome")
 INNER = np.flatnonzero(~DOME.border)
 
 
@@ -128,8 +128,8 @@ def test_an_inner_cut_counts_twice_and_narrows_the_neck() -> None:
 
 
 def test_closed_surfaces_are_no_disks() -> None:
-    assert cut_of(shapes.build_shape("torus"), np.zeros(0, dtype=np.int64)).euler_characteristic.tolist() == [0]
-    assert cut_of(shapes.build_shape("cubesphere"), np.zeros(0, dtype=np.int64)).euler_characteristic.tolist() == [2]
+    assert cut_of(shapes.make("torus"), np.zeros(0, dtype=np.int64)).euler_characteristic.tolist() == [0]
+    assert cut_of(shapes.make("cubesphere"), np.zeros(0, dtype=np.int64)).euler_characteristic.tolist() == [2]
 
 
 def test_a_closed_run_is_walked_once_round() -> None:

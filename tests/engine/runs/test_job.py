@@ -178,14 +178,14 @@ def test_total_curvature_is_that_of_gauss_and_bonnet() -> None:
     cube = QuadMesh(
         points, np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
     )
-    for mesh, slack in ((cube, 1e-12), (shapes.build_shape("cubesphere"), 1.0)):
+    for mesh, slack in ((cube, 1e-12), (shapes.make("cubesphere"), 1.0)):
         uncut, cut = (PatchLayout(mesh, np.full(len(mesh.edges), c)) for c in (False, True))
         assert quad_curvatures(uncut).sum() == pytest.approx(4.0 * np.pi, abs=slack)
         assert quad_curvatures(cut).sum() == pytest.approx(0.0, abs=slack)
 
 
 def test_a_job_may_end_with_the_check() -> None:
-    made = job.run(PolygonMesh.from_quads(shapes.build_shape("strip")), Settings(), stop_after="check")
+    made = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after="check")
     assert made.mesh is not None and made.layout is None
     assert job.run_stages(made, Settings(), ()).layout is None
 

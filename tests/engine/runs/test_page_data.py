@@ -44,7 +44,7 @@ def unpacked(listed, block):
 
 
 def result(name: str, until: str = "simulate"):
-    return job.run(PolygonMesh.from_quads(shapes.build_shape(name)), SETTINGS, stop_after=until)
+    return job.run(PolygonMesh.from_quads(shapes.make(name)), SETTINGS, stop_after=until)
 
 
 @pytest.fixture(scope="module")

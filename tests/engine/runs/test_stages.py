@@ -32,7 +32,7 @@ def settings() -> ObjectSettings:
 
 @pytest.fixture(scope="module")
 def made(settings: ObjectSettings) -> Result:
-    return job.run(PolygonMesh.from_quads(shapes.build_shape("strip")), settings)
+    return job.run(PolygonMesh.from_quads(shapes.make("strip")), settings)
 
 
 def there(result: Result) -> set[str]:
@@ -189,7 +189,7 @@ def test_stages_up_to_a_name() -> None:
 def test_supports_constrain_spirals_only_where_a_base_needs_them(
     settings: ObjectSettings, base: str, asked: set[str]
 ) -> None:
-    surface = job.check_input(PolygonMesh.from_quads(shapes.build_shape("strip")))
+    surface = job.check_input(PolygonMesh.from_quads(shapes.make("strip")))
     found = _constraints(
         surface.with_user(supports=np.array([0])), replace(settings, base=replace(settings.base, base=base))
     )

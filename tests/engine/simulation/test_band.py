@@ -19,9 +19,7 @@ FINE = SimulateParams(tolerance=1e-9)
 
 @pytest.fixture(scope="module")
 def dome() -> Simulation:
-    found = job.run(
-        PolygonMesh.from_quads(shapes.build_shape("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals"
-    )
+    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return simulate(found.design, found.mesh, MATERIALS["vero"], FINE)
 

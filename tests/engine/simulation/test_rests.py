@@ -21,9 +21,7 @@ from scipy.spatial.transform import Rotation
 
 @pytest.fixture(scope="module")
 def saddle() -> Simulation:
-    found = job.run(
-        PolygonMesh.from_quads(shapes.build_shape("saddle", 0.05)), Settings(), edge=0.02, stop_after="spirals"
-    )
+    found = job.run(PolygonMesh.from_quads(shapes.make("saddle", 0.05)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     held = np.flatnonzero(found.mesh.centroids[:, 2] < found.mesh.centroids[:, 2].min() + 0.005)
     return simulate(

@@ -29,7 +29,7 @@ POM = MATERIALS["pom"]
 @lru_cache(maxsize=2)
 def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
     found = job.run(
-        PolygonMesh.from_quads(shapes.build_shape(name, edge)),
+        PolygonMesh.from_quads(shapes.make(name, edge)),
         Settings(choose=ChooseParams(goal="panels")),
         edge=0.02,
         stop_after="spirals",

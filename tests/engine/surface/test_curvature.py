@@ -90,7 +90,7 @@ def test_noise_is_no_catastrophe():
 
 
 def test_turning_and_moving_changes_nothing():
-    mesh = shapes.build_shape("demo")
+    mesh = shapes.make("demo")
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     got = curvature.rms_curvature(mesh.with_vertices(mesh.vertices @ turn.T + 5.0))
     np.testing.assert_allclose(got, curvature.rms_curvature(mesh), rtol=1e-5)
@@ -102,7 +102,7 @@ def _by_igl(mesh: QuadMesh) -> np.ndarray:
     return np.sqrt((one**2 + two**2) / 2)[mesh.quads].mean(axis=1)
 
 
-@pytest.mark.parametrize("mesh", [shapes.torus(90, 36), shapes.build_shape("three_holes")])
+@pytest.mark.parametrize("mesh", [shapes.torus(90, 36), shapes.make("three_holes")])
 def test_against_libigl(mesh):
     got, other = curvature.rms_curvature(mesh), _by_igl(mesh)
     assert np.corrcoef(got, other)[0, 1] > 0.9

@@ -25,7 +25,7 @@ FACTS = {
 
 @pytest.mark.parametrize("name", shapes.NAMES)
 def test_topology_and_size(name):
-    mesh = shapes.build_shape(name, 0.015)
+    mesh = shapes.make(name, 0.015)
     quads, euler, is_open = FACTS[name]
     assert len(mesh.quads) == quads
     assert len(np.unique(mesh.quads)) == len(mesh.vertices)
@@ -37,7 +37,7 @@ def test_topology_and_size(name):
 
 @pytest.mark.parametrize("name", ["cubesphere", "torus", "three_holes", "two_bodies"])
 def test_closed_shapes_look_outwards(name):
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     assert np.einsum("fi,fi->", mesh.centroids, mesh.area_vectors) / 3 > 0
 
 
@@ -52,7 +52,7 @@ def test_closed_forms():
 
 
 def test_demo_is_a_canopy_on_three_feet():
-    mesh = shapes.build_shape("demo")
+    mesh = shapes.make("demo")
     assert (mesh.normals[:, 2] > 0).all()
     feet = np.flatnonzero(mesh.valence == 2)
     assert len(feet) == 3
@@ -82,7 +82,7 @@ def test_subdivision_of_a_cube():
 
 def test_unknown_shape():
     with pytest.raises(FlexMapsError, match=r"teapot.*demo"):
-        shapes.build_shape("teapot")
+        shapes.make("teapot")
 
 
 def test_connected_bodies_are_counted() -> None:

@@ -50,13 +50,13 @@ def test_breadth_first_from_the_largest(flat_grid):
 
 
 def test_bodies_begin_anew_and_inner_cuts_are_closed():
-    layout = trace.trace_layout(shapes.build_shape("two_bodies"), LayoutParams())
+    layout = trace.trace_layout(shapes.make("two_bodies"), LayoutParams())
     found = assembly_steps(layout)
     body = layout.mesh.body_of
     bodies = [int(body[layout.patches[s.panel][0]]) for s in found]
     assert sum(not s.joins for s in found) == 2
     assert len(set(bodies[: bodies.count(bodies[0])])) == 1
-    sphere = merge.merge(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    sphere = merge.merge(trace.trace_layout(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
     alone = [s for s in assembly_steps(sphere.layout) if any(j.other == j.panel for j in s.joins)]
     inner = [
         e for e in sphere.layout.seams if len(set(sphere.layout.patch_of[sphere.layout.mesh.edge_quads[e[0]]])) == 1
@@ -65,7 +65,7 @@ def test_bodies_begin_anew_and_inner_cuts_are_closed():
 
 
 def test_the_sheet_says_what_to_do(tmp_path):
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     cut = flat.layout.cut.copy()
     cut[trace.middle_line(flat.layout, 0)] = True

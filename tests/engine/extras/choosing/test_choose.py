@@ -115,7 +115,7 @@ def test_a_lopsided_layout_is_made_symmetric() -> None:
 @cache
 def ball() -> LayoutProblem:
     """A ball of 150 quads, whose one panel a short search leaves at about 1 % of its size."""
-    made = job.run(PolygonMesh.from_quads(shapes.build_shape("cubesphere")), Settings(), stop_after="split")
+    made = job.run(PolygonMesh.from_quads(shapes.make("cubesphere")), Settings(), stop_after="split")
     return LayoutProblem(made.mesh, Settings(), symmetries=tuple(symmetries(made.mesh)))
 
 

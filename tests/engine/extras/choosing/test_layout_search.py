@@ -31,7 +31,7 @@ from flexmaps.engine.workers import Workers
 @pytest.fixture(scope="module")
 def layouts() -> tuple[LayoutProblem, list[FlatLayout]]:
     """A ball in its six faces, in three pairs of them, and in two times three."""
-    mesh = shapes.build_shape("cubesphere")
+    mesh = shapes.make("cubesphere")
     piece, out = LayoutProblem(mesh, Settings()), mesh.centroids - mesh.centroids.mean(axis=0)
     face = 2 * np.abs(out).argmax(axis=1) + (np.take_along_axis(out, np.abs(out).argmax(axis=1)[:, None], 1)[:, 0] > 0)
     one, two = mesh.edge_quads.T

@@ -26,7 +26,7 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 @lru_cache(maxsize=1)
 def saddle() -> Simulation:
     """A saddle of evenly soft spirals, which is far from its target."""
-    made = job.run(PolygonMesh.from_quads(shapes.build_shape("saddle")), Settings(), edge=0.02, stop_after="spirals")
+    made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), Settings(), edge=0.02, stop_after="spirals")
     assert made.flat is not None
     design = uniform_design(made.flat, Settings().spiral)
     found = simulate(design, made.mesh, MATERIALS["vero"], SimulateParams())
@@ -141,7 +141,7 @@ def test_the_full_search_comes_as_near_as_is_told() -> None:
     from flexmaps.engine.mechanics.loads import LOWEST, parse_supports
     from flexmaps.engine.optimisation.optimise import optimise
 
-    made = job.run(PolygonMesh.from_quads(shapes.build_shape("saddle")), Settings(), edge=0.02, stop_after="simulate")
+    made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), Settings(), edge=0.02, stop_after="simulate")
     assert made.simulation is not None and made.limits is not None and made.design is not None
     found = prospects.find_prospects(made.simulation, made.limits, Settings()) or {}
     settings = Settings()

@@ -36,7 +36,7 @@ NEAR = replace(SETTINGS.choose, match=1e-3)  # what no layout holds
 
 @pytest.fixture(name="sphere", scope="module")
 def _sphere() -> tuple[LayoutProblem, PatchLayout, FlatPatches]:
-    mesh = shapes.build_shape("cubesphere")
+    mesh = shapes.make("cubesphere")
     layout = trace_layout(mesh, SETTINGS.layout)
     held = LayoutProblem(mesh, SETTINGS)
     return held, layout, merge(layout, SETTINGS.layout)

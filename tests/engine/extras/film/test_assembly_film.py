@@ -28,7 +28,7 @@ POM = MATERIALS["pom"]
 @pytest.fixture(scope="module")
 def dome():
     """Two panels with four seams, and where they rest."""
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose

@@ -32,7 +32,7 @@ MODELS = ("arm", "rod")
 
 def piece(name: str, model: str):
     """A design, its simulation and its stages."""
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     params = SimulateParams(model=model)
@@ -234,7 +234,7 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
 @pytest.mark.parametrize("name", MODELS)
 def test_parts_of_a_model_are_its_joints(name):
     """The energy of a part is that of its joints in the whole; weaker joints have their share of it."""
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     model, pose = build_model(assembly_from_design(made), POM, name), target_pose(mesh, flat.corners)
@@ -254,7 +254,7 @@ def test_a_cancel_is_looked_for_before_the_elastic_model_is_built(monkeypatch):
         raise AssertionError("built in vain")
 
     monkeypatch.setattr(unfinished_pieces, "build_model", build)
-    mesh = shapes.build_shape("strip")
+    mesh = shapes.make("strip")
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     with pytest.raises(Cancelled):

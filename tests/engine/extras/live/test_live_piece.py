@@ -29,7 +29,7 @@ SAME = 1e-5  # metres: the live tolerance, with room
 
 @pytest.fixture(scope="module")
 def dome() -> FlatPatches:
-    return flatten(trace_layout(shapes.build_shape("dome"), LayoutParams()), LayoutParams())
+    return flatten(trace_layout(shapes.make("dome"), LayoutParams()), LayoutParams())
 
 
 def given_of(flat: FlatPatches, twist: float = 1.5) -> LiveInput:

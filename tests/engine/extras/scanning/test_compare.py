@@ -69,7 +69,7 @@ def nearby(monkeypatch):
     ],
 )
 def test_laid_back_over_the_surface(name, anywhere):
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     scan, true, size = scanned(mesh, 130 if anywhere else 29, 1, max(6000, 24 * len(mesh.quads)))
     found = compare.compare_scan(mesh, Scan(scan, unit="m", anywhere=anywhere))
     assert off(mesh, true @ found.turn.T + found.shift) < 0.001 * size
@@ -84,7 +84,7 @@ def test_laid_back_over_the_surface(name, anywhere):
 @pytest.mark.parametrize("name", ["dome", pytest.param("torus", marks=pytest.mark.thorough)])
 def test_a_table_and_a_wall_are_told_from_the_piece(name):
     """Both come close to parts that the scan does not show, and hold a smaller share of a dense scan than its noise may."""
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     scan, true, size = scanned(mesh, 0, 3, 24 * len(mesh.quads))
     wall = true.mean(axis=0) + 0.6 * size * (np.random.default_rng(0).random((1500, 3)) - 0.5)
     wall[:, 0] = true[:, 0].min() - 0.02 * size
@@ -95,7 +95,7 @@ def test_a_table_and_a_wall_are_told_from_the_piece(name):
 @pytest.mark.usefixtures("nearby")
 def test_what_is_bent_is_measured():
     """A bump whose height is known shows in the distances, with its sign, and nothing else does."""
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     random = np.random.default_rng(3)
     true = true_points(mesh, 20_000, random)
     size = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
@@ -115,7 +115,7 @@ def test_what_is_bent_is_measured():
 
 @pytest.mark.usefixtures("nearby")
 def test_units_are_guessed_or_asked_for():
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     scan, true, size = scanned(mesh, 10, 2, 3000, table=False)
     found = compare.compare_scan(mesh, Scan(1000 * scan, anywhere=False))
     assert found.scale == 0.001 and "millimetres" in found.remarks[0]
@@ -126,7 +126,7 @@ def test_units_are_guessed_or_asked_for():
 
 @pytest.mark.thorough
 def test_inches_are_taken_as_told():
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     scan, _, size = scanned(mesh, 10, 2, 3000, table=False)
     inches = compare.compare_scan(mesh, Scan(scan / 0.0254, unit="in", anywhere=False))
     assert not any("taken to be" in text for text in inches.remarks) and inches.rms < 0.001 * size
@@ -135,7 +135,7 @@ def test_inches_are_taken_as_told():
 @pytest.mark.usefixtures("nearby")
 def test_a_scan_far_from_the_origin():
     """Surveyors' frames lie kilometres off."""
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     scan, true, size = scanned(mesh, 20, 4)
     far = np.array([4e5, 5e6, 300.0])
     found = compare.compare_scan(mesh, Scan(scan + far, unit="m", anywhere=False))
@@ -143,7 +143,7 @@ def test_a_scan_far_from_the_origin():
 
 
 def test_what_is_no_scan_is_named(tmp_path):
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     with pytest.raises(FlexMapsError, match="only 0 points"):
         compare.compare_scan(mesh, Scan(np.zeros((0, 3))))
     with pytest.raises(FlexMapsError, match="Point 8 "):
@@ -172,7 +172,7 @@ def test_what_is_no_scan_is_named(tmp_path):
     ],
 )
 def test_another_object_is_refused(name, other):
-    mesh, another = shapes.build_shape(name), shapes.build_shape(other)
+    mesh, another = shapes.make(name), shapes.make(other)
     points = true_points(another, 5000, np.random.default_rng(0))
     points *= np.linalg.norm(np.ptp(mesh.vertices, axis=0)) / np.linalg.norm(np.ptp(another.vertices, axis=0))
     with pytest.raises(FlexMapsError, match="another object"):
@@ -193,7 +193,7 @@ def test_points_alone_are_read_and_a_mesh_is_sampled(tmp_path):
 
 
 def test_distances_from_the_table_are_those_of_the_tree():
-    mesh = shapes.build_shape("torus")
+    mesh = shapes.make("torus")
     vertices = mesh.vertices - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     surface = TriangleSurface.from_mesh(
         mesh.with_vertices(vertices), np.zeros(3), float(np.linalg.norm(np.ptp(vertices, axis=0)))
@@ -223,7 +223,7 @@ def test_a_step_along_a_twist_is_the_matrix_exponential():
 
 def test_the_cost_falls_as_its_gradient_says():
     """A Gauss-Newton step of a pose near the right one lessens the cost until it is at rest."""
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     surface = TriangleSurface.from_mesh(
         mesh, mesh.vertices.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     )
@@ -242,14 +242,14 @@ def test_a_comparison_can_be_stopped():
 
     with pytest.raises(Cancelled):
         compare.compare_scan(
-            shapes.build_shape("saddle"), Scan(scanned(shapes.build_shape("saddle"), 10, 1)[0]), progress=Progress(tell)
+            shapes.make("saddle"), Scan(scanned(shapes.make("saddle"), 10, 1)[0]), progress=Progress(tell)
         )
 
 
 @pytest.mark.usefixtures("nearby")
 def test_it_is_a_stage_that_a_new_simulation_drops():
     settings = ObjectSettings()
-    made = job.run(PolygonMesh.from_quads(shapes.build_shape("saddle")), settings, stop_after="spirals")
+    made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), settings, stop_after="spirals")
     with pytest.raises(FlexMapsError, match="no scan"):
         job.run_stages(made, settings, ("compare",))
     scan, _, _ = scanned(made.mesh, 15, 5, 3000)

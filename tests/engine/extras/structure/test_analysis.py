@@ -216,7 +216,7 @@ def test_one_limit_is_used_the_one_that_was_asked_for(standing: Simulation) -> N
 
 
 def test_the_stage_runs_when_asked_for_and_the_report_tells() -> None:
-    mesh = PolygonMesh.from_quads(shapes.build_shape("dome"))
+    mesh = PolygonMesh.from_quads(shapes.make("dome"))
     given = {"structure.cases": "snow: snow 200; w: weight", "structure.combinations": "both = 1.5 snow + 1.35 w"}
     given["material.lasts"] = "years"
     settings = with_values(ObjectSettings(), given)
@@ -235,7 +235,7 @@ def test_the_stage_runs_when_asked_for_and_the_report_tells() -> None:
 
 
 def test_loads_are_read_before_the_work() -> None:
-    mesh = PolygonMesh.from_quads(shapes.build_shape("strip"))
+    mesh = PolygonMesh.from_quads(shapes.make("strip"))
     settings = with_values(ObjectSettings(), {"structure.cases": "w: weight", "structure.combinations": "a = 2 snow"})
     with pytest.raises(FlexMapsError, match="adds 'snow', which is not a load case"):
         job.run(mesh, settings, stop_after="structure")

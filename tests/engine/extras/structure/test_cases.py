@@ -142,7 +142,7 @@ def test_a_line_that_branches_is_refused() -> None:
 
 def test_pressures_and_winds_meet_areas_that_are_known() -> None:
     """A closed surface under pressure is pushed nowhere; a convex one stops wind with the area of its shadow."""
-    mesh = shapes.build_shape("cubesphere", EDGE)
+    mesh = shapes.make("cubesphere", EDGE)
     place = ground(mesh)
     pressed = action("pressure 100", place)
     assert (pressed.pressure < 0.0).all() and pressed.at(place.pose)[:, :].sum(axis=0) == pytest.approx(

@@ -26,7 +26,7 @@ QUICK = with_values(ObjectSettings(), {"sheet.nesting": "FAST", "connect.connect
 @pytest.fixture(scope="module")
 def pieces() -> list[Result]:
     return [
-        job.run(PolygonMesh.from_quads(shapes.build_shape(name, 0.02)), settings, stop_after="spirals")
+        job.run(PolygonMesh.from_quads(shapes.make(name, 0.02)), settings, stop_after="spirals")
         for name, settings in (("strip", with_values(QUICK, {"layout.seamless": True})), ("dome", QUICK))
     ]
 

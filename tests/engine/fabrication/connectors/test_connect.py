@@ -283,7 +283,7 @@ def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
     from flexmaps.engine.surface import shapes
     from flexmaps.engine.surface.mesh import PolygonMesh
 
-    polygons = PolygonMesh.from_quads(shapes.build_shape("cubesphere"))
+    polygons = PolygonMesh.from_quads(shapes.make("cubesphere"))
     made = job.run(polygons, Settings(), stop_after="spirals").design
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.plain_joints

@@ -187,7 +187,7 @@ def test_a_piece_on_a_remnant(tmp_path: Path) -> None:
     from flexmaps.engine.surface.mesh import PolygonMesh
 
     settings = with_values(Settings(), {"sheet.nesting": "FAST", "sheet.remnants": str(as_dxf(tmp_path / "a.dxf"))})
-    result = job.run(PolygonMesh.from_quads(surfaces.build_shape("quad", 0.06)), settings)
+    result = job.run(PolygonMesh.from_quads(surfaces.make("quad", 0.06)), settings)
     made = result.sheets
     assert made is not None and result.design is not None and made.packing.remnants
     assert sheets_report.sheets_report(made)["remnants"] == ["a"]

@@ -37,7 +37,7 @@ def flat_pose(made: design.SpiralDesign) -> Pose:
 )
 def dome(request):
     """A dome of wound spirals in several patches, in its equilibrium."""
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=request.param), twist=3.5)
     found = simulate(made, mesh, find_material("pom"), SimulateParams())
@@ -248,14 +248,14 @@ def test_rotation_matrices_agree_with_scipy():
 
 def test_on_the_target_without_a_simulation(dome):
     made, _ = dome
-    pose = target_pose(shapes.build_shape("dome"), made.flat.corners)
+    pose = target_pose(shapes.make("dome"), made.flat.corners)
     arms = bend_arms(made, pose)
     stretched = np.linalg.norm(np.diff(arms.place, axis=1), axis=2).sum(axis=1)
     assert stretched == pytest.approx(np.linalg.norm(np.diff(arms.flat, axis=1), axis=2).sum(axis=1), rel=0.02)
 
 
 def test_necks_and_strips_of_a_rim_reach_from_its_nodes_to_their_joints():
-    flat = flatten.flatten(trace.trace_layout(shapes.build_shape("dome"), LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace_layout(shapes.make("dome"), LayoutParams()), LayoutParams())
     rim = fabricable.uniform_design(flat, SpiralParams(border="rim")).rim
     assert rim is not None
     ends = np.array([0.0, 1.0])

@@ -70,7 +70,7 @@ def cloud(made: design.SpiralDesign, arms: BentArms, arm: int, end: float) -> np
 )
 def dome(request):
     """A dome of wound spirals in several patches, simulated."""
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     made = fabricable.uniform_design(flat, SpiralParams(clockwise=request.param), twist=4.5)
     return simulate(made, mesh, find_material("pom"), SimulateParams())

@@ -30,7 +30,7 @@ def singular_values(surface: np.ndarray, plane: np.ndarray) -> np.ndarray:
 
 def test_energy_is_the_one_of_the_singular_values() -> None:
     rng = np.random.default_rng(3)
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     mesh = mesh.with_vertices(mesh.vertices + 0.002 * rng.normal(size=mesh.vertices.shape))
     problem = whole(mesh)
     points = mesh.vertices[:, 0] + 1j * mesh.vertices[:, 1]
@@ -52,7 +52,7 @@ def test_energy_is_the_one_of_the_singular_values() -> None:
 
 
 def test_energy_is_blind_to_rigid_motions_and_sees_scale() -> None:
-    mesh = shapes.build_shape("quad")
+    mesh = shapes.make("quad")
     tri = corner_triangles(mesh)
     problem = whole(mesh)
     turned = solve_local_global(problem).points * np.exp(0.7j) + 3
@@ -85,7 +85,7 @@ def test_a_cylinder_unrolls_without_distortion() -> None:
 
 
 def test_weighing_bad_quads_lowers_the_worst() -> None:
-    problem = whole(shapes.build_shape("dome"))
+    problem = whole(shapes.make("dome"))
     start = solve_local_global(problem)
     better = minimise_max_energy(problem, start)
     assert better.flip_count == 0
@@ -95,7 +95,7 @@ def test_weighing_bad_quads_lowers_the_worst() -> None:
 @pytest.mark.parametrize("height", [0.5, 1.0, 2.0, 3.0])
 @pytest.mark.parametrize("name", ["dome", "saddle", "strip"])
 def test_giving_up_early_loses_nothing_that_comes_within_the_limit(name: str, height: float) -> None:
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     problem = whole(mesh.with_vertices(mesh.vertices * [1.0, 1.0, height]))
     start, solves = solve_local_global(problem), [0]
     problem.tick = lambda: solves.__setitem__(0, solves[0] + 1)
@@ -113,7 +113,7 @@ def test_giving_up_early_loses_nothing_that_comes_within_the_limit(name: str, he
 
 def test_not_worse_than_libigl() -> None:
     igl = pytest.importorskip("igl")
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     problem = whole(mesh)
     points = np.zeros((problem.count, 3))
     points[problem.corners] = mesh.vertices[mesh.quads]
@@ -139,7 +139,7 @@ def test_not_worse_than_libigl() -> None:
 
 
 def test_the_smoothest_rotations_fit_better_than_carried_ones() -> None:
-    problem = whole(shapes.build_shape("dome"))
+    problem = whole(shapes.make("dome"))
     fa, _, fb, _ = problem.joints
 
     def misfit(rotation: np.ndarray) -> float:
@@ -150,7 +150,7 @@ def test_the_smoothest_rotations_fit_better_than_carried_ones() -> None:
 
 
 def test_patches_side_by_side_lie_as_each_does_alone() -> None:
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     cut = ~mesh.border & (np.abs(mesh.vertices[mesh.edges].mean(axis=1)[:, 0] % 0.06 - 0.03) < 0.011)
     layout = PatchLayout(mesh, cut)
     assert len(layout.patches) > 2

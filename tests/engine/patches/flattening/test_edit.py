@@ -18,7 +18,7 @@ PARAMS = LayoutParams()
 
 @pytest.fixture(scope="module")
 def flat() -> FlatPatches:
-    mesh = shapes.build_shape("three_holes")
+    mesh = shapes.make("three_holes")
     return flatten.flatten(trace.trace_layout(mesh, PARAMS), PARAMS)
 
 
@@ -55,13 +55,13 @@ def test_closing_again_is_as_before(flat: FlatPatches) -> None:
 
 
 def test_the_border_is_never_cut() -> None:
-    flat = merge.merge(trace.trace_layout(shapes.build_shape("vault"), PARAMS), PARAMS, has_supports=True)
+    flat = merge.merge(trace.trace_layout(shapes.make("vault"), PARAMS), PARAMS, has_supports=True)
     after = with_run(flat, np.flatnonzero(flat.layout.mesh.border), True)
     assert not after.layout.cut.any()
 
 
 def test_a_ring_is_refused_with_its_quads(flat: FlatPatches) -> None:
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     whole = flatten.flatten(trace.trace_layout(mesh, PARAMS), PARAMS)
     inside = np.flatnonzero(~mesh.on_border[mesh.edges].any(axis=1))[:1]
     with pytest.raises(FlexMapsError) as caught:
@@ -71,7 +71,7 @@ def test_a_ring_is_refused_with_its_quads(flat: FlatPatches) -> None:
 
 
 def test_a_run_from_the_border_stays_one_patch() -> None:
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     whole = flatten.flatten(trace.trace_layout(mesh, PARAMS), PARAMS)
     run = max(trace.parametric_lines(whole.layout, 0), key=len)
     slit = with_run(whole, run[: len(run) // 3], True) if len(run) > 3 else whole
@@ -79,7 +79,7 @@ def test_a_run_from_the_border_stays_one_patch() -> None:
 
 
 def test_a_panel_a_quad_lies_as_flat_as_its_quad_and_a_warped_one_spoils_no_other() -> None:
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     warped = mesh.quads[20]
     spoilt = mesh.vertices.copy()
     spoilt[warped[2], 2] += 0.04

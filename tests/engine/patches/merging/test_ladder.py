@@ -16,7 +16,7 @@ def test_merging_in_steps_gives_fewer_panels_as_the_limit_rises_and_keeps_each_l
     name: str, symmetric: bool
 ) -> None:
     """One run, a layout for every share of the limit, symmetric as the traced one."""
-    mesh, params = shapes.build_shape(name), Settings().layout
+    mesh, params = shapes.make(name), Settings().layout
     found, traced = symmetries(mesh) if symmetric else [], trace_layout(mesh, params)
     shares = (1.0, 0.1, 0.3)
     made = merge_in_steps(traced, params, shares, found, has_supports=True)

@@ -35,7 +35,7 @@ def merged(mesh: QuadMesh, params: LayoutParams = PARAMS) -> FlatPatches:
 
 @cache
 def layout_of(name: str) -> FlatPatches:
-    return merged(shapes.build_shape(name))
+    return merged(shapes.make(name))
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_what_is_remembered_changes_no_layout(name: str, monkeypatch: pytest.Mon
         if not remembers:
             monkeypatch.setattr(sketch, "MAX_CACHED_QUADS", -1)
             monkeypatch.setattr(board.BoardCache, "__init__", _without_memory)
-        found.append(merged(shapes.build_shape(name)))
+        found.append(merged(shapes.make(name)))
         spent.append(sum(effort.remaining for effort in efforts))
     assert (found[0].layout.cut == found[1].layout.cut).all()
     assert (found[0].points == found[1].points).all() and spent[0] == spent[1]
@@ -136,34 +136,32 @@ def test_patches_lie_in_their_own_frames() -> None:
 
 
 def test_the_same_twice() -> None:
-    one, two = layout_of("dome"), merged(shapes.build_shape("dome"))
+    one, two = layout_of("dome"), merged(shapes.make("dome"))
     assert (one.layout.cut == two.layout.cut).all()
     assert (one.points == two.points).all()
 
 
 def test_a_tighter_limit_gives_less_distortion() -> None:
     params = LayoutParams(distortion_limit=0.008)
-    flat = merged(shapes.build_shape("dome"), params)
+    flat = merged(shapes.make("dome"), params)
     assert flat.energy.max() <= 0.008
     assert len(flat.layout.patches) > 1
 
 
 @pytest.mark.thorough
 def test_a_wider_neck_is_kept() -> None:
-    flat = merged(shapes.build_shape("three_holes"), LayoutParams(neck_min=4, symmetric=False))
+    flat = merged(shapes.make("three_holes"), LayoutParams(neck_min=4, symmetric=False))
     assert flat.layout.isthmus_widths().min() >= 4 or "forced" in flat.layout.notes
 
 
 def test_it_can_be_stopped() -> None:
     with pytest.raises(Cancelled):
-        merge.merge(trace.trace_layout(shapes.build_shape("dome"), PARAMS), PARAMS, Progress(stopped=lambda: True))
+        merge.merge(trace.trace_layout(shapes.make("dome"), PARAMS), PARAMS, Progress(stopped=lambda: True))
 
 
 def test_progress_rises() -> None:
     seen: list[float] = []
-    merge.merge(
-        trace.trace_layout(shapes.build_shape("torus"), PARAMS), PARAMS, Progress(report=lambda f, _: seen.append(f))
-    )
+    merge.merge(trace.trace_layout(shapes.make("torus"), PARAMS), PARAMS, Progress(report=lambda f, _: seen.append(f)))
     assert seen == sorted(seen)
     assert 0 <= seen[0] < 0.1
     assert seen[-1] <= 1
@@ -182,7 +180,7 @@ def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
 
 
 def test_first_cuts_that_break_a_mirror_get_its_images() -> None:
-    flat = shapes.build_shape("dome")
+    flat = shapes.make("dome")
     x, y, z = flat.vertices.T
     mesh = QuadMesh(np.stack([x, y, z + 3.0 * x**2 * y + 0.4 * y**2], axis=1), flat.quads)  # one mirror, across x
     (mirror,) = symmetries(mesh)

@@ -111,7 +111,7 @@ def test_a_slanted_strip_fits_along_the_diagonal(flat_grid):
 
 @pytest.mark.parametrize("sheet", [SheetParams(sheet_width=0.2, sheet_height=0.15), SheetParams(sheet_width=0.3)])
 def test_a_curved_surface_keeps_every_limit(sheet):
-    mesh = shapes.build_shape("demo", 0.02)
+    mesh = shapes.make("demo", 0.02)
     merged = merge.merge(trace.trace_layout(mesh, LAYOUT), LAYOUT)
     made = split.split_to_sheet(merged, LAYOUT, sheet)
     assert len(made.layout.patches) >= len(merged.layout.patches)
@@ -152,7 +152,7 @@ def test_a_sheet_without_room_for_a_quad_is_refused(flat_grid):
 
 def test_the_main_job_cuts_to_size_before_the_spirals():
     settings = Settings(sheet=SheetParams(sheet_width=0.16, sheet_height=0.12))
-    result = job.run(PolygonMesh.from_quads(shapes.build_shape("dome", 0.02)), settings, edge=0.02, stop_after="split")
+    result = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.02)), settings, edge=0.02, stop_after="split")
     assert all(_fits(p, settings.sheet) for p in _pieces(result.flat))
     assert "split" in result.seconds
     assert result.design is None
@@ -160,7 +160,7 @@ def test_the_main_job_cuts_to_size_before_the_spirals():
 
 def test_note_about_symmetry_is_of_the_layout_after_the_cuts():
     """What the note says against the cuts themselves: how many motions of the mesh map them onto themselves."""
-    flat = merge.merge(trace.trace_layout(shapes.build_shape("cubesphere"), LayoutParams()), LayoutParams())
+    flat = merge.merge(trace.trace_layout(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
     made = split.split_to_sheet(flat, LayoutParams(), SheetParams(sheet_width=0.12, sheet_height=0.1))
     assert len(made.layout.patches) > len(flat.layout.patches)
     found = symmetries(made.layout.mesh)

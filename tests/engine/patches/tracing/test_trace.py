@@ -27,7 +27,7 @@ def tube(around: int = 12, long: int = 8) -> QuadMesh:
 @pytest.mark.parametrize("name", shapes.NAMES)
 def test_every_patch_is_a_disk_under_the_limit(name: str) -> None:
     params = LayoutParams()
-    layout = trace_layout(shapes.build_shape(name), params)
+    layout = trace_layout(shapes.make(name), params)
     assert (layout.euler_characteristic == 1).all()
     flat = flatten.flatten(layout, params)
     assert flat.energy.max() <= params.distortion_limit
@@ -36,12 +36,12 @@ def test_every_patch_is_a_disk_under_the_limit(name: str) -> None:
 
 
 def test_a_cube_falls_into_its_faces() -> None:
-    layout = trace_layout(shapes.build_shape("cubesphere"), LayoutParams())
+    layout = trace_layout(shapes.make("cubesphere"), LayoutParams())
     assert [len(quads) for quads in layout.patches] == [25] * 6
 
 
 def test_irregular_vertices_end_up_on_outlines() -> None:
-    mesh = shapes.build_shape("three_holes")
+    mesh = shapes.make("three_holes")
     layout = PatchLayout(mesh, motorcycles(mesh))
     assert (layout.cut_degree[mesh.irregular & ~mesh.on_border] == mesh.valence[mesh.irregular & ~mesh.on_border]).all()
 
@@ -56,7 +56,7 @@ def test_a_tube_is_cut_along_its_shortest_line() -> None:
 
 
 def test_a_torus_is_cut_twice() -> None:
-    mesh = shapes.build_shape("torus")
+    mesh = shapes.make("torus")
     layout = make_disks(PatchLayout(mesh, motorcycles(mesh)))
     assert layout.euler_characteristic.tolist() == [1]
     assert len(layout.seams) <= 4
@@ -72,7 +72,7 @@ def test_the_middle_line_halves() -> None:
 
 @pytest.mark.parametrize("name", ["dome", "saddle", "strip", "vault"])
 def test_halves_are_connected_and_take_all_quads(name: str) -> None:
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     parts = RegionHalver(mesh, LayoutParams()).halves(np.arange(len(mesh.quads)))
     assert len(parts) == 2 and min(len(part) for part in parts) > 0.2 * len(mesh.quads)
     assert np.array_equal(np.sort(np.concatenate(parts)), np.arange(len(mesh.quads)))
@@ -82,7 +82,7 @@ def test_halves_are_connected_and_take_all_quads(name: str) -> None:
 
 
 def test_parametric_lines_share_the_inner_edges_out() -> None:
-    mesh = shapes.build_shape("dome")
+    mesh = shapes.make("dome")
     layout = PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool))
     lines = parametric_lines(layout, 0)
     assert sorted(np.concatenate(lines).tolist()) == np.flatnonzero(~mesh.border).tolist()

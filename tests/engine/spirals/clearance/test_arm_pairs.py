@@ -19,7 +19,7 @@ POINTS = 40  # of a centre line
 
 @pytest.mark.parametrize("name", ["dome", "cubesphere", "three_holes"])
 def test_arms_that_come_near_across_a_seam_are_pairs(name: str) -> None:
-    mesh, params, rng = shapes.build_shape(name), SpiralParams(), np.random.default_rng(3)
+    mesh, params, rng = shapes.make(name), SpiralParams(), np.random.default_rng(3)
     flat = flatten.flatten(trace.trace_layout(mesh, LayoutParams()), LayoutParams())
     found = find_arm_pairs(flat, params, NEAR)
     laid = found.subset((found.kind == ACROSS) & found.is_across_cut)

@@ -53,7 +53,7 @@ def errors(mesh: PolygonMesh) -> set[str]:
 
 @pytest.mark.parametrize("name", shapes.NAMES)
 def test_own_shapes_pass(name):
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     result = found(of(mesh))
     assert set(result) <= {"several-bodies"}
     assert ("several-bodies" in result) == (name == "two_bodies")
@@ -63,9 +63,9 @@ def test_own_shapes_pass(name):
 
 
 def test_turned_over_as_a_whole_is_fine():
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     assert not found(polygons(mesh.vertices, mesh.quads[:, ::-1].tolist()))
-    sphere = shapes.build_shape("cubesphere")
+    sphere = shapes.make("cubesphere")
     result = found(polygons(sphere.vertices, sphere.quads[:, ::-1].tolist()))
     assert set(result) == {"inside-out"}
     assert len(result["inside-out"].faces) == 150
@@ -293,7 +293,7 @@ def test_moebius_strip():
 
 
 def test_moebius_beside_a_sound_body():
-    strip, sphere = moebius(), shapes.build_shape("cubesphere", 1.0)
+    strip, sphere = moebius(), shapes.make("cubesphere", 1.0)
     shifted = sphere.quads + len(strip.vertices)
     both = polygons(
         np.vstack([strip.vertices, sphere.vertices + 20]), strip.corners.reshape(-1, 4).tolist() + shifted.tolist()
@@ -324,19 +324,19 @@ def test_size_ratio():
 
 
 def test_small_quads_know_the_scale():
-    mesh = of(shapes.build_shape("vault", 0.02))
+    mesh = of(shapes.make("vault", 0.02))
     assert "small-quads" not in found(mesh)
     small = found(mesh, edge=0.009)["small-quads"]
     assert len(small.faces) > 100
     assert "small-quads" not in found(mesh, edge=0.009 * small.growth_factor)
     assert "small-quads" in found(mesh, edge=0.009 * (small.growth_factor - 0.06))
-    assert "small-quads" not in found(of(shapes.build_shape("vault", 2.0)), edge=0.02)
+    assert "small-quads" not in found(of(shapes.make("vault", 2.0)), edge=0.02)
     assert "small-quads" in found(check.scale_to_metres(mesh, edge=0.009))
-    assert "small-quads" not in found(of(shapes.build_shape("cubesphere", 0.015)))
+    assert "small-quads" not in found(of(shapes.make("cubesphere", 0.015)))
 
 
 def test_bodies_and_loose_vertices():
-    result = found(of(shapes.build_shape("two_bodies")))
+    result = found(of(shapes.make("two_bodies")))
     assert len(result["several-bodies"].faces) == 96  # the smaller one
     vertices, faces = grid()
     mesh = polygons(np.vstack([[[9.0, 9, 9]], vertices, [[8, 8, 8]]]), [[v + 1 for v in f] for f in faces])
@@ -362,7 +362,7 @@ def test_first_error_is_raised_with_the_others_named():
 def test_orientation_against_brute_force(seed):
     """Turned faces are found exactly, up to turning over the whole body."""
     rng = np.random.default_rng(seed)
-    mesh = shapes.build_shape("cubesphere")
+    mesh = shapes.make("cubesphere")
     turned = rng.random(len(mesh.quads)) < 0.3
     quads = np.where(turned[:, None], mesh.quads[:, ::-1], mesh.quads)
     result = found(polygons(mesh.vertices, quads.tolist()))

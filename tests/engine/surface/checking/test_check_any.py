@@ -21,7 +21,7 @@ def errors(mesh: PolygonMesh) -> set[str]:
 
 
 def test_scaled():
-    mesh = PolygonMesh.from_quads(shapes.build_shape("vault", 1.0))
+    mesh = PolygonMesh.from_quads(shapes.make("vault", 1.0))
     assert check.scale_to_metres(mesh) is mesh
     assert check.median_edge(check.scale_to_metres(mesh, edge=0.015)) == pytest.approx(0.015)
     assert np.ptp(check.scale_to_metres(mesh, height=0.3).vertices[:, 2]) == pytest.approx(0.3)
@@ -31,7 +31,7 @@ def test_scaled():
         with pytest.raises(FlexMapsError):
             check.scale_to_metres(mesh, **wrong)
     with pytest.raises(FlexMapsError, match="flat along z"):
-        check.scale_to_metres(PolygonMesh.from_quads(shapes.build_shape("quad")), height=0.3)
+        check.scale_to_metres(PolygonMesh.from_quads(shapes.make("quad")), height=0.3)
     broken = polygons([[0, 0, 0], [1, 0, 0], [1, 1, 0], [np.nan, 1, 0]], [[0, 1, 2, 3]])
     assert errors(check.scale_to_metres(broken, edge=0.02)) == {"not-finite"}
     empty = PolygonMesh(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))

@@ -29,13 +29,13 @@ def euler(mesh: PolygonMesh) -> int:
 
 
 def triangles(name: str) -> PolygonMesh:
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     rows = np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])
     return PolygonMesh(mesh.vertices, rows.ravel(), np.full(len(rows), 3))
 
 
 def quads(name: str) -> PolygonMesh:
-    return PolygonMesh.from_quads(shapes.build_shape(name))
+    return PolygonMesh.from_quads(shapes.make(name))
 
 
 def soup(mesh: PolygonMesh, noise: float, seed: int) -> PolygonMesh:
@@ -170,7 +170,7 @@ def test_t_junctions_are_cured(name: str) -> None:
         assert len(made.sizes) < 1.1 * len(mesh.sizes)
         assert not [one for one in findings(made) if one.is_error and one.code != "size-ratio"]
         bare = replace(made, repairs=())
-        assert as_quad_mesh(bare).areas.sum() == pytest.approx(shapes.build_shape(name).areas.sum(), rel=0.02)
+        assert as_quad_mesh(bare).areas.sum() == pytest.approx(shapes.make(name).areas.sum(), rel=0.02)
     assert not {"t-junction", "doubled-vertices"} & codes(replace(made, repairs=()))
 
 
@@ -216,7 +216,7 @@ def test_a_shell_that_is_there_twice(name: str) -> None:
 def test_both_skins_of_a_thin_shell(name: str) -> None:
     """Closed at its border as Solidify does; what was closed before becomes two bodies, each with a skin of its own."""
     mesh = quads(name)
-    made = shapes.build_shape(name)
+    made = shapes.make(name)
     normal = np.zeros_like(made.vertices)
     for k in range(4):
         np.add.at(normal, made.quads[:, k], made.normals)

@@ -142,7 +142,7 @@ def test_against_trimesh(tmp_path, kind):
 def test_against_blender(tmp_path):
     """Blender writes quads as OBJ, PLY and STL, with its own axes for OBJ: distances must agree."""
     bpy = pytest.importorskip("bpy")
-    mesh = shapes.build_shape("torus", 1.0)
+    mesh = shapes.make("torus", 1.0)
     data = bpy.data.meshes.new("torus")
     data.from_pydata(mesh.vertices.tolist(), [], mesh.quads.tolist())
     thing = bpy.data.objects.new("torus", data)

@@ -38,7 +38,7 @@ class NoTool:
 
 def triangles(name: str) -> PolygonMesh:
     """The triangles of a shape, all cut along the same diagonal of their quads, which no mirror keeps."""
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     return mesh_from_rows(mesh.vertices, np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]]))
 
 

@@ -107,7 +107,7 @@ def test_best_square_is_the_nearest(seed):
 
 @pytest.mark.parametrize("name", ["cubesphere", "torus", "vault", "saddle", "demo", "three_holes"])
 def test_shaken_shapes_become_squarer(name):
-    mesh = shaken(shapes.build_shape(name), 0.2)
+    mesh = shaken(shapes.make(name), 0.2)
     better = regularise(mesh, PARAMS)
     before, after = energy(mesh), energy(better)
     assert np.median(after) < 0.7 * np.median(before)
@@ -126,7 +126,7 @@ def test_a_shaken_plane_becomes_a_grid():
 
 
 def test_border_keeps_its_line_and_its_corners():
-    mesh = shaken(shapes.build_shape("vault"), 0.2)
+    mesh = shaken(shapes.make("vault"), 0.2)
     better = regularise(mesh, PARAMS)
     rim = mesh.edges[mesh.border]
     distance = igl.point_mesh_squared_distance(better.vertices[mesh.on_border], mesh.vertices, rim)[0]
@@ -138,7 +138,7 @@ def test_border_keeps_its_line_and_its_corners():
 
 
 def test_free_border():
-    mesh = shaken(shapes.build_shape("saddle"), 0.2)
+    mesh = shaken(shapes.make("saddle"), 0.2)
     better = regularise(mesh, RegulariseParams(boundary=False))
     rim = mesh.edges[mesh.border]
     distance = igl.point_mesh_squared_distance(better.vertices[mesh.on_border], mesh.vertices, rim)[0]
@@ -174,7 +174,7 @@ def test_creases_of_a_box_stay():
     ],
 )
 def test_symmetry_stays(name, motions):
-    mesh = shapes.build_shape(name)
+    mesh = shapes.make(name)
     better = regularise(mesh, PARAMS)
     moved = np.linalg.norm(better.vertices - mesh.vertices, axis=1).max()
     assert moved > 0.01 * mesh.median_edge
@@ -185,7 +185,7 @@ def test_symmetry_stays(name, motions):
 
 
 def test_warped_quads_are_pressed_flat():
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     at = len(mesh.vertices) // 2
     vertices = mesh.vertices.copy()
     vertices[at, 2] += 1.2 * mesh.median_edge
@@ -205,29 +205,29 @@ def test_lines_of_a_box():
 
 
 def test_nothing_to_do():
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     assert regularise(mesh, RegulariseParams(iterations=0)) is mesh
-    single = shapes.build_shape("quad")
+    single = shapes.make("quad")
     np.testing.assert_array_equal(regularise(single, PARAMS).vertices, single.vertices)
     np.testing.assert_array_equal(regularise(mesh, PARAMS).quads, mesh.quads)
 
 
 def test_same_again():
-    mesh = shaken(shapes.build_shape("torus"), 0.2)
+    mesh = shaken(shapes.make("torus"), 0.2)
     np.testing.assert_array_equal(regularise(mesh, PARAMS).vertices, regularise(mesh, PARAMS).vertices)
 
 
 def test_progress_and_cancel():
     told: list[float] = []
-    regularise(shapes.build_shape("saddle"), PARAMS, Progress(lambda fraction, text: told.append(fraction)))
+    regularise(shapes.make("saddle"), PARAMS, Progress(lambda fraction, text: told.append(fraction)))
     assert len(told) > PARAMS.iterations
     assert told == sorted(told)
     with pytest.raises(Cancelled):
-        regularise(shapes.build_shape("saddle"), PARAMS, Progress(stopped=lambda: len(told) > 0))
+        regularise(shapes.make("saddle"), PARAMS, Progress(stopped=lambda: len(told) > 0))
 
 
 def test_scale_does_not_matter():
-    mesh = shaken(shapes.build_shape("demo", 1.0), 0.2)
+    mesh = shaken(shapes.make("demo", 1.0), 0.2)
     small = mesh.with_vertices(mesh.vertices * 1e-3)
     one, two = regularise(mesh, PARAMS), regularise(small, PARAMS)
     np.testing.assert_allclose(energy(one), energy(two), atol=1e-6)
@@ -259,7 +259,7 @@ def test_shared_meshes(shared_meshes, name, falls):
 
 def test_no_quad_gets_less_room_for_a_spiral_than_the_narrowest_had():
     """A spoilt saddle: relative to the median edge, the least breadth does not fall and no edge becomes short."""
-    mesh = shapes.build_shape("saddle")
+    mesh = shapes.make("saddle")
     rng = np.random.default_rng(5)
     inner = ~mesh.on_border
     points = mesh.vertices.copy()
@@ -313,7 +313,7 @@ def test_bend_of_a_quad_is_the_turn_of_its_normals():
 
 @pytest.mark.parametrize("height", [0.6, 1.2])
 def test_quads_that_bend_are_pressed_flat(height):
-    mesh = shapes.build_shape("vault")
+    mesh = shapes.make("vault")
     vertices = mesh.vertices.copy()
     vertices[len(vertices) // 2, 2] += height * mesh.median_edge
     bent = mesh.with_vertices(vertices)

@@ -13,7 +13,7 @@ from flexmaps.engine.surface.remeshing.soundness import regularise_if_better
 
 @pytest.fixture(name="whole")
 def _whole() -> PolygonMesh:
-    return PolygonMesh.from_quads(shapes.build_shape("cubesphere"))
+    return PolygonMesh.from_quads(shapes.make("cubesphere"))
 
 
 def test_quads_without_size_do_not_throw_their_corners_away(whole: PolygonMesh) -> None:
