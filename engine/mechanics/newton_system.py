@@ -68,42 +68,49 @@ class NewtonSystem:
         return values
 
     def factor(self, values: np.ndarray) -> bool:
-        """Factor the matrix with these entries (nnz,); return False if it is not positive definite."""
+        """Factorise the matrix with the entries ``values`` (nnz,) for ``solve``.
+
+        Returns False if the matrix is not positive definite.
+        """
         return self.cholesky.attempt(values)
 
     def free_entries(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
-        """Return the entries (free,) of a field (n, 6) at the free increments."""
+        """Return the numbers (free,) of a field (n, 6) at the free increments, in the order of the matrix's rows."""
         if len(field) < len(self.held):
             field = np.concatenate([field, np.zeros((len(self.held) - len(field), 6))])
         return field.ravel()[self.free]
 
     def expand(self, reduced: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """Return the field (n, 6) with these values at the free increments and zeros at the held increments."""
+        """Return the field (n, 6) with the numbers ``reduced`` (free,) at the free increments, 0 at the held ones."""
         out = np.zeros(self.held.size)
         out[self.free] = reduced
         return out.reshape(self.held.shape)
 
     def solve(self, field: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """Solve for a right-hand side (n, 6) with the last factor."""
+        """Solve with the last factorised matrix; the right-hand side ``field`` and the result are fields (n, 6)."""
         return self.expand(self.cholesky.solve(self.free_entries(field)))
 
     def make_definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
-        """Return the entries of a positive semi-definite matrix, made positive definite by an addition to its diagonal.
+        """Increase the diagonal of a positive semi-definite matrix a little, so that it becomes positive definite.
 
         Parameters
         ----------
-        values : (nnz,) its entries
-        share : part of the diagonal to add
+        values : (nnz,) entries of the matrix
+        share : share of the diagonal that is added to the diagonal
+
+        Returns
+        -------
+        (nnz,) : entries of the new matrix
         """
         values, diagonal = values.copy(), self.pattern.indptr[:-1]
         values[diagonal] += share * values[diagonal] + 1e-3 * share * values[diagonal].max(initial=0.0)
         return values
 
     def count_negative(self, values: np.ndarray) -> int:
-        """Count the negative eigenvalues of the matrix with these entries (nnz,)."""
+        """Count the negative eigenvalues of the matrix with the entries ``values`` (nnz,)."""
         try:
             return negative_eigenvalues(self.pattern, values)
-        except NotPositiveDefinite:  # a pivot is exactly zero
+        except NotPositiveDefinite:  # a pivot of the factorisation is exactly zero: shift the diagonal a little
             shifted, diagonal = values.copy(), self.pattern.indptr[:-1]
             shifted[diagonal] += SHIFT * np.abs(values[diagonal]).max(initial=1e-300)
             return negative_eigenvalues(self.pattern, shifted)
@@ -116,22 +123,23 @@ class NewtonSystem:
         progress: Progress = SILENT,
         tolerance: float = 1e-3,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Find the increments in which the energy rises least, or falls most: eigenvectors of H v = lambda B v.
+        """Find the modes in which the energy rises least, or falls most: eigenvectors of H v = lambda B v.
 
-        B is made positive definite. With B as metric the eigenvalues of H lie far apart, so that few Lanczos steps
-        suffice.
+        B is first made positive definite. With B as metric the eigenvalues of H lie far apart, so that Lanczos' method
+        needs few steps.
 
         Parameters
         ----------
-        values, metric : (nnz,) entries of H and B
+        values : (nnz,) entries of H, the Hessian of the energy
+        metric : (nnz,) entries of B, a positive semi-definite matrix such as the Hessian's convex part
         count : number of modes; fewer are returned if fewer increments are free
         progress : is updated and can cancel
-        tolerance : relative, of lambda
+        tolerance : relative error of lambda
 
         Returns
         -------
-        (count, n, 6) and (count,) : modes, smallest lambda first, and their lambda. Without free increments, one zero
-        mode with lambda 1
+        (count, n, 6) : modes v, the one with the smallest lambda first
+        (count,) : their lambda. Without free increments, the result is one mode of zeros with lambda 1
         """
         if not len(self.free):
             return np.zeros((1, *self.held.shape)), np.ones(1)
@@ -152,25 +160,27 @@ class NewtonSystem:
             rise, vectors = eigsh(both[0], count, both[1], Minv=inverse, which="SA", v0=start, tol=tolerance)
         except ArpackNoConvergence as error:
             rise, vectors = error.eigenvalues, error.eigenvectors
-            if not len(rise):  # the modes are too close to separate: any of them will do
+            if not len(rise):  # the eigenvalues are too close to each other to separate the modes: any mode will do
                 rise, vectors = eigsh(both[0], 1, both[1], Minv=inverse, which="SA", v0=start, tol=0.5)
         return np.stack([self.expand(v) for v in vectors.T]), rise
 
     def softest_at_minimum(
         self, values: np.ndarray, metric: np.ndarray, count: int
     ) -> tuple[Float[np.ndarray, "count spirals 6"], Float[np.ndarray, " count"]]:
-        """Find the softest modes v of H v = lambda B v at a minimum, scaled to v . B v = 1.
+        """Find the modes v with the smallest lambda, H v = lambda B v, for a positive definite H; v . B v is 1.
 
-        Uses Lanczos on the inverse, which needs few solves where modes are nearly unstable.
+        Lanczos' method is applied to the inverse of H, which needs few solves where modes are nearly unstable.
 
         Parameters
         ----------
-        values, metric : (nnz,) entries of H, which the last call of ``factor`` must have factored, and of B
+        values : (nnz,) entries of H, which must be the last factorised matrix
+        metric : (nnz,) entries of B
         count : number of modes
 
         Returns
         -------
-        (count, n, 6) and (count,) : modes and their lambda
+        (count, n, 6) : modes v, the one with the smallest lambda first
+        (count,) : their lambda
         """
         metric = self.make_definite(metric)
         if len(self.free) <= MAX_DENSE_SIZE:
@@ -189,7 +199,7 @@ class NewtonSystem:
         return np.array([self.expand(v / one) for v, one in zip(vectors.T, lengths, strict=True)]), 1.0 / found
 
     def _all_modes(self, values: np.ndarray, metric: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the result of ``softest_modes`` with dense matrices, for systems with few unknowns."""
+        """Compute the result of ``softest_modes`` with dense matrices, for systems with few free increments."""
         a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
         rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
         return np.stack([self.expand(v) for v in vectors.T]), rise

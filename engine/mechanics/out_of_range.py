@@ -1,4 +1,4 @@
-"""Spirals outside the range that an elastic model was fitted to; it treats them as the nearest spirals inside."""
+"""Reports of spirals that are outside the range to which an elastic model was fitted."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ import numpy as np
 
 from ..arrays import Int
 
-# Share of a limit by which a value may exceed it unreported: covers rounding and the tolerance on twists of
-# ``fabricable.unfabricable_quads``. Larger hides small excesses.
+# A value that exceeds a limit by less than this share of the limit is not reported, because of rounding errors and of
+# the tolerance on twists in ``fabricable.unfabricable_quads``. Larger hides small excesses.
 SLACK = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
 class OutOfRange:
-    """Spirals for which one quantity lies outside a model's range.
+    """The spirals for which one quantity is outside a model's range.
 
-    quantity : its name; low, high : the range; spirals : (k,) int, ascending; worst : the value farthest outside it
+    quantity : name of the quantity
+    low, high : range of the model
+    spirals : (k,) indices of the spirals, ascending
+    worst : the value that is farthest outside the range
     """
 
     quantity: str
@@ -37,7 +40,7 @@ class OutOfRange:
         quantity : name for the message
         value : (N,) values of the quantity
         low, high : range of the model
-        spiral : (N,) int, the spiral that each value belongs to
+        spiral : (N,) index of the spiral that each value belongs to
         """
         apart = np.maximum(low * (1.0 - SLACK) - value, value - high * (1.0 + SLACK))
         outside = apart > 0.0

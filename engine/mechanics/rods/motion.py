@@ -1,4 +1,7 @@
-"""Curvatures and rolls at the ends of the rod model's edges, with first and second derivatives by the hubs' poses."""
+"""Curvatures and rolls at the ends of the rod model's edges, with first and second derivatives by the hubs' poses.
+
+An edge joins the centres of two hubs. Its roll is its rotation about itself.
+"""
 
 from __future__ import annotations
 
@@ -13,15 +16,17 @@ from ..vectors import outer, skew
 
 @dataclass(frozen=True, eq=False)
 class RodState:
-    """A pose, and the state of the edges in it.
+    """A pose of the hubs, and the state of the m edges in it.
 
-    length : (m,) metres; tangent : (m, 3) from the first hub to the second
-    frames : (m, 2, 3, 3) columns, in space, fixed to the hub at either end: the edge's direction at rest, its left, the
-        normal
-    bend : (m, 2, 2) components x, y of the curvature binormal along the normal and along the left of ``frames``
-    torsion : (m,) rad, turn of the second hub relative to the first about the edge, with whole turns
-    roll : (m,) rad, turn of the edge about itself relative to the first hub
-    predicted : (m,) metres, the length that the last step predicted to first order
+    length : (m,) metres
+    tangent : (m, 3) unit vectors from the first hub to the second
+    frames : (m, 2, 3, 3) frames that are fixed to the hub at either end, as columns in space: the edge's direction at
+        rest, the direction to its left, the normal
+    bend : (m, 2, 2) components x, y of the curvature binormal at either end: along the third and the second column of
+        ``frames``
+    torsion : (m,) rotation of the second hub relative to the first about the edge, radians, counted beyond whole turns
+    roll : (m,) rotation of the edge about itself relative to the first hub, radians, counted beyond whole turns
+    predicted : (m,) length that the last Newton step predicted to first order, metres
     """
 
     pose: Pose
@@ -35,44 +40,46 @@ class RodState:
 
     @property
     def angles(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) rad, roll of the edge relative to the hub of either end: the angle of eq. 4."""
+        """Roll (m, 2) of the edge relative to the hub at either end, radians: the angle in eq. 4 of FlexMaps."""
         return np.stack([self.roll, self.roll - self.torsion], axis=1)
 
 
-# signs that convert derivatives by the curvatures x, y and the edge's roll relative to a hub to derivatives by x, y and
-# the hub's roll relative to the edge
+# Factors that convert derivatives by x, y (see ``RodState.bend``) and the edge's roll relative to a hub to derivatives
+# by x, y and the hub's roll relative to the edge, which has the opposite sign
 ROLL_SIGNS = np.array([1.0, 1.0, -1.0])
 
-# (2, 6, 12) matrices that map the increments of both hubs (shift and turn of the first, then of the second) to the
-# increments (d, w) of either end: d is the second shift minus the first, w the turn of the hub at that end
+# One matrix for either end of an edge. It maps the increments of both hubs (shift and turn of the first, then of the
+# second) to the six numbers (d, w): d is the shift of the second hub minus that of the first, w the turn of the hub at
+# this end
 END_INCREMENTS = np.zeros((2, 6, 12))
-END_INCREMENTS[:, :3, :3] = -np.eye(3)  # the first hub's shift counts negative
-# the second hub's shift counts at both ends, the turn of a hub at its own end
+END_INCREMENTS[:, :3, :3] = -np.eye(3)
 END_INCREMENTS[:, :3, 6:9] = END_INCREMENTS[0, 3:, 3:6] = END_INCREMENTS[1, 3:, 9:] = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
 class EndMotion:
-    """First derivatives of curvatures x, y and rolls at both ends of m edges; (d, w) as in ``first_order``.
+    """First derivatives of curvatures and rolls at both ends of m edges.
 
-    jacobian : (m, 2, 3, 6) derivatives of x, y and the roll of the hub's frame about the edge, by (d, w)
-    by_tangent : (m, 2, 4, 3) derivatives of x, y, roll and the tangent's component along the edge's rest direction, by
-        the tangent
-    pulled : (m, 2, 4, 6) derivatives of the four quantities of ``by_tangent`` by (d, w), without the direct effect w.t
-        of the hub's turn on the roll
+    The quantities are the curvatures x, y, the roll of the hub's frame about the edge, and in arrays with four
+    quantities the tangent's component along the edge's rest direction. (d, w) are the increments of ``END_INCREMENTS``.
+
+    jacobian : (m, 2, 3, 6) derivatives of the first three quantities by (d, w)
+    by_tangent : (m, 2, 4, 3) derivatives of all four by the tangent
+    by_increments : (m, 2, 4, 6) derivatives of all four by (d, w) that come from the change of the tangent relative to
+        the hub; the roll also changes directly, by w.t (see ``first_order``)
     """
 
     jacobian: Float[np.ndarray, "joints 2 3 6"]
     by_tangent: Float[np.ndarray, "joints 2 4 3"]
-    pulled: Float[np.ndarray, "joints 2 4 6"]
+    by_increments: Float[np.ndarray, "joints 2 4 6"]
 
 
 def first_order(state: RodState) -> EndMotion:
-    """Differentiate curvatures and rolls by d and w.
+    """Differentiate curvatures and rolls at both ends by the increments (d, w) of ``END_INCREMENTS``.
 
-    d is the shift of the second hub minus the shift of the first, w the turn of the hub at an end. Let t be the edge's
-    tangent, l its length and P the projection at right angles to t. Relative to the hub the tangent moves by
-    u = P d / l + t x w + ..., and the hub's frame, carried onto the edge, rolls by w.t - (binormal . u) / 2 + ...
+    Let t be the edge's tangent, l its length and P the projection to the plane at right angles to t. To first order,
+    the tangent moves relative to the hub by u = P d / l + t x w. The hub's frame, carried onto the edge by the shortest
+    rotation, rolls by w.t - (binormal . u) / 2.
     """
     tangent, length = state.tangent, state.length[:, None, None, None]
     rest, left, normal = np.moveaxis(state.frames, 3, 0)
@@ -84,21 +91,21 @@ def first_order(state: RodState) -> EndMotion:
     )
     on_axis = by_tangent @ tangent[:, None, :, None]
     spun = by_tangent @ skew(tangent)[:, None]
-    pulled = np.concatenate([(by_tangent - on_axis * tangent[:, None, None]) / length, spun], axis=3)
-    jacobian = pulled[:, :, :3].copy()
+    by_increments = np.concatenate([(by_tangent - on_axis * tangent[:, None, None]) / length, spun], axis=3)
+    jacobian = by_increments[:, :, :3].copy()
     jacobian[:, :, 2, 3:] += tangent[:, None]
-    return EndMotion(jacobian, by_tangent, pulled)
+    return EndMotion(jacobian, by_tangent, by_increments)
 
 
 def second_order(
     state: RodState, motion: EndMotion, slope: Float[np.ndarray, "joints 2 3"]
 ) -> Float[np.ndarray, "joints 2 6 6"]:
-    """Return the second derivatives (m, 2, 6, 6) of x, y and roll by (d, w) (see ``first_order``), summed with weights.
+    """Return the weighted sum (m, 2, 6, 6) of the second derivatives of x, y and roll by (d, w), at both ends.
 
     Parameters
     ----------
-    state, motion : m edges, and their first derivatives
-    slope : (m, 2, 3) weights of x, y and roll at both ends: derivatives of the energy
+    state, motion : m edges, and their first derivatives by (d, w)
+    slope : (m, 2, 3) weights: the derivatives of the energy by x, y and roll at both ends
     """
     tangent, length = state.tangent, state.length[:, None, None, None]
     eye, along = np.eye(3), outer(tangent, tangent)[:, None]
@@ -107,8 +114,8 @@ def second_order(
     both = outer(force, np.broadcast_to(tangent[:, None], force.shape))
     both = both + np.swapaxes(both, 2, 3)
     roll = 0.5 * slope[..., 2, None, None]
-    sideways = np.einsum("mki,mkij->mkj", slope * [1.0, 1.0, 0.5], motion.pulled[:, :, :3])
-    twice = outer(sideways / -_one_plus_cosine(state)[..., None], motion.pulled[:, :, 3])
+    sideways = np.einsum("mki,mkij->mkj", slope * [1.0, 1.0, 0.5], motion.by_increments[:, :, :3])
+    twice = outer(sideways / -_one_plus_cosine(state)[..., None], motion.by_increments[:, :, 3])
     curved = twice + np.swapaxes(twice, 2, 3)
     curved[..., :3, :3] += (axial * (3.0 * along - eye) - both) / length**2
     mixed = (skew(force) @ (eye - along) + roll * (eye - along)) / length
@@ -121,17 +128,18 @@ def second_order(
 def roll_coupling(
     ends: Float[np.ndarray, "joints 2 3 3"], jacobian: Float[np.ndarray, "joints 2 3 6"]
 ) -> Float[np.ndarray, "joints 12"]:
-    """Return mixed derivatives (m, 12) of the energy by the hubs' increments and by a common roll of both ends.
+    """Return the mixed second derivatives (m, 12) of the edges' energies by the hubs' increments and by the edge's
+    roll.
 
     Parameters
     ----------
-    ends : (m, 2, 3, 3) second derivatives of the energy by x, y and roll of both ends
-    jacobian : (m, 2, 3, 6) derivatives of x, y and roll by (d, w)
+    ends : (m, 2, 3, 3) second derivatives of the energy by x, y and roll at both ends
+    jacobian : (m, 2, 3, 6) derivatives of x, y and roll by (d, w), as in ``EndMotion``
     """
     coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
     return coupled[:, 0] @ END_INCREMENTS[0] + coupled[:, 1] @ END_INCREMENTS[1]
 
 
 def _one_plus_cosine(state: RodState) -> Float[np.ndarray, "joints 2"]:
-    """Return one plus the cosine of the angle (m, 2) between the edge and its rest direction at either end."""
+    """Return 1 + cos(angle) (m, 2), for the angle between the edge and its rest direction at either end."""
     return 1.0 + np.einsum("mki,mi->mk", state.frames[..., 0], state.tangent)

@@ -1,10 +1,11 @@
 """The rod model: rigid hubs joined by straight edges from centre to centre, with stretch, two bendings and torsion.
 
-FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and torsion after Bergou et al. 2008 and 2010.
-The roll (turn of an edge about its own axis) affects the energy of that edge only. So the energy is minimised over all
-rolls, which leaves six unknowns per spiral. The paper measures the roll from a frame that is transported in time. Here
-it is measured from the first hub's frame, carried onto the edge by the shortest rotation. The two rolls differ by the
-reference torsion, which eq. 4 subtracts, so the energies are equal. A state stores only the number of whole turns.
+It is that of FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018), with curvature binormal and torsion after Bergou et
+al. 2008 and 2010. The roll of an edge, its rotation about itself, affects the energy of that edge only. So the energy
+is minimised over all rolls, which leaves six unknowns per spiral. The paper measures the roll from a frame that is
+transported in time. Here it is measured from the first hub's frame, carried onto the edge by the shortest rotation. The
+two rolls differ by the reference torsion, which eq. 4 subtracts, so the energies are equal. The only history that a
+state needs is the number of whole turns.
 """
 
 from __future__ import annotations
@@ -26,14 +27,17 @@ from .rod_sensitivity import gradient_by_design
 
 @dataclass(frozen=True, eq=False)
 class RodModel(JointsOnly):
-    """The rod model of an assembly.
+    """The rod model of an assembly: m edges, one per joint.
+
+    The parameters of a spiral are k_s (stretch), k_b0 and k_b1 (bending) and k_t (torsion). Each half of an edge has
+    the parameters of the spiral at its end.
 
     assembly : spirals and joints at rest
-    springs : (m, 2, 3) N m: k_b0, k_b1 and k_t of the spiral at either end of an edge, over the half length there
-    stretch : (m,) J: sum over both ends of k_s times the half length
-    rest : (m, 2, 3, 3) axes of the edge at rest in the flat frame of the hub at either end; columns: along the edge, to
-        its left, normal
-    length : (m,) metres, at rest
+    springs : (m, 2, 3) k_b0, k_b1 and k_t over the length of the half edge, at either end, N m
+    stretch : (m,) k_s times the length of the half edge, summed over both ends, joules
+    rest : (m, 2, 3, 3) axes of the edge at rest as columns, in the flat frame of the hub at either end: along the edge,
+        to its left, normal
+    length : (m,) length of the edges at rest, metres
     by_design : (n, 4, 2) derivatives of every spiral's k_s, k_b0, k_b1, k_t by the mean width of its arms (per metre)
         and by its twist (per radian)
     """
@@ -52,7 +56,7 @@ class RodModel(JointsOnly):
 
         Parameters
         ----------
-        assembly, material : spirals and joints at rest, and the sheet
+        assembly, material : spirals and joints at rest, and the material of their sheet
         """
         found = rod_stiffness.rod_parameters(
             _scale(assembly),
@@ -69,13 +73,13 @@ class RodModel(JointsOnly):
     ) -> RodModel:
         """Build the model from the rod parameters of its spirals.
 
-        At rest an edge is straight, from centre to centre in the flat plane of both hubs.
+        At rest an edge is straight, from centre to centre, with both hubs in one plane.
 
         Parameters
         ----------
         assembly : spirals and joints at rest
-        parameters : (n, 4) k_s (N), k_b0, k_b1, k_t (N m^2)
-        by_design : (n, 4, 2) as in ``RodModel``; by default zero
+        parameters : (n, 4) k_s (N), k_b0, k_b1, k_t (N m^2) of every spiral
+        by_design : (n, 4, 2) as in ``RodModel``; default zeros
         """
         change = np.zeros((*parameters.shape, 2)) if by_design is None else by_design
         half, moduli = assembly.radius, parameters[assembly.pairs]
@@ -130,14 +134,18 @@ class RodModel(JointsOnly):
             return strains.energy(self.springs, state.bend, state.angles)
 
     def _stretch_energy(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stretch energies (m,) at these lengths by eq. 2, joules, and their derivatives, newtons."""
+        """Return the stretch energies (m,) of edges of these lengths (m,), joules, and their derivatives, newtons.
+
+        Eq. 2 of FlexMaps.
+        """
         strain = length / self.length - 1.0
         return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
 
     def _state(self, pose: Pose, before: RodState | None) -> RodState:
-        """Return the state at a pose, with the whole turns of torsion and roll that are closest to ``before``.
+        """Return the state at a pose.
 
-        before : a state at a nearby pose; None for no whole turns
+        before : a state at a nearby pose; whole turns are added to torsion and roll so that they are closest to those
+            of this state. None adds no turns
         """
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             first, second = self.pairs.T
@@ -160,13 +168,13 @@ class RodModel(JointsOnly):
         return RodState(pose, length, tangent, frames, bend, torsion, roll, length)
 
     def expand(self, state: RodState, ahead: bool = False) -> Expansion:
-        """Compute energy, gradient and Hessian by the hubs' increments; the roll is eliminated by a Schur complement.
+        """Compute energy, gradient and Hessian by the hubs' increments; the rolls are eliminated by Schur complements.
 
         Parameters
         ----------
         state : about which the energy is expanded
-        ahead : use in the Hessian the tension that the last step predicted (see ``ElasticModel.expand``), but bending
-            and torsion at ``state``
+        ahead : use the tension that the last step predicted in the Hessian (see ``ElasticModel.expand``); bending and
+            torsion are always those of ``state``
         """
         joules, tension = self._stretch_energy(state.length)
         ends = strains.expand(self.springs, state.bend, state.angles)
@@ -200,15 +208,15 @@ def _eliminate_roll(
 ) -> Float[np.ndarray, "joints 12 12"]:
     """Return the second derivatives (m, 12, 12) of the edges' energies by the increments of their two hubs.
 
-    The roll of every edge follows the hubs, as it takes the value of least energy (Schur complement). Let d be the
-    shift of the second hub minus the shift of the first, and w the turn of the hub at an end of the edge.
+    When the hubs move, the roll of every edge takes the value of least energy; its effect on the second derivatives is
+    a Schur complement. (d, w) are the increments of ``motion.END_INCREMENTS``.
 
     Parameters
     ----------
     ends : (m, 2, 3, 3) second derivatives of the energy by the curvatures x, y and the roll at either end
     jacobian : (m, 2, 3, 6) derivatives of x, y and roll by (d, w)
     stretch : (m, 3, 3) second derivatives of the stretch energy by d
-    geometric : (m, 2, 6, 6) geometric stiffness by (d, w), from second derivatives of x, y and roll; None leaves it out
+    geometric : (m, 2, 6, 6) geometric stiffness by (d, w), the result of ``motion.second_order``; None leaves it out
     """
     row = roll_coupling(ends, jacobian)
     out = outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
@@ -227,9 +235,9 @@ def _eliminate_roll(
 
 
 def _scale(assembly: Assembly) -> Float[np.ndarray, " spirals"]:
-    """Return the diameters (n,) of the spirals, metres: twice the mean distance from the hub's centre to the joints.
+    """Return the scale (n,) of the spirals, metres: twice the mean distance from the hub's centre to its joints.
 
-    The result is arbitrary for spirals without a joint.
+    Spirals without a joint get any positive value.
     """
     arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     total = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)

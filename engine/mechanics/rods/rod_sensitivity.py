@@ -1,8 +1,8 @@
 """Derivatives of the rod model's forces by the widths and twists of the spirals, at a fixed pose.
 
-The energy E is linear in the parameters k_s, k_b0, k_b1, k_t of every spiral, so its derivative by one of them, p, is
-the energy with p = 1 and all others 0. The rolls change with p too: as the energy is minimal over a roll r, the
-gradient g by the pose q has the derivative
+The energy E is linear in the parameters k_s, k_b0, k_b1, k_t of every spiral. So its derivative by one of them, p, is
+the energy with p = 1 and all other parameters 0. The rolls of the edges change with p too. As E is minimal over every
+roll r, the gradient g of E by the pose q has the derivative
 
     dg/dp = E_qp - E_qr E_rp / E_rr    (subscripts denote derivatives).
 """
@@ -20,7 +20,7 @@ from .motion import END_INCREMENTS, ROLL_SIGNS, RodState, first_order, roll_coup
 def gradient_by_design(
     assembly: Assembly, springs: np.ndarray, length: np.ndarray, by_design: np.ndarray, state: RodState
 ) -> Float[np.ndarray, "joints 12 2 5"]:
-    """Differentiate every joint's contribution to the gradient by widths and twists of its spirals, at a fixed pose.
+    """Differentiate every joint's contribution to the energy's gradient by widths and twists, at a fixed pose.
 
     Parameters
     ----------
@@ -29,8 +29,9 @@ def gradient_by_design(
 
     Returns
     -------
-    (m, 12, 2, 5) : rows as in ``Expansion.hessian``; side of the joint; four widths (per metre), which act through
-        their mean, then the twist (per radian)
+    (m, 12, 2, 5) : axis 1: increments of both hubs, as in ``Expansion.hessian``; axis 2: side of the joint; axis 3:
+        four widths of the spiral on this side (per metre; equal, as only their mean matters), then its twist (per
+        radian)
     """
     half = assembly.radius
     change = by_design[assembly.pairs]

@@ -1,7 +1,8 @@
-"""The four stiffnesses of the paper's rod model, from radial basis function networks (FlexMaps sections 6.1 to 6.3).
+"""The four parameters of the paper's rod model, from radial basis function networks (FlexMaps sections 6.1 to 6.3).
 
-Kept for comparison; the arm model uses the tip compliances of ``arms.stiffness``. The network "pair" is fitted to edges
-from hub to hub, as the rod model uses them; the network "chord" to edges from a hub to a free tip, as in the paper.
+The rod model is kept for comparison; the arm model uses the tip compliances of ``arms.stiffness``. There are two
+networks. "pair" is fitted to edges from hub to hub, as the rod model uses them; "chord" is fitted to edges from a hub
+to a free tip, as in the paper.
 """
 
 from __future__ import annotations
@@ -21,18 +22,22 @@ from ..dimensions import check_dimensions, check_material
 from ..out_of_range import SLACK, OutOfRange
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
-FORMAT = 1  # version of the file that can be read
+FORMAT = 1  # version of the file of networks that ``load_network`` can read
 MODELS = ("pair", "chord")
-FLATNESS_RANGE = (0.5, 1.0)  # width over thickness of the spirals that the networks were trained on
-SCALE_OVER_THICKNESS = (5.0, 15.0)  # scale over thickness of these spirals
-SMALLEST_SLOT = 0.15  # smallest slot of these spirals over the thickness
+# Ranges of the spirals that the networks were trained on, over the thickness of the sheet: width of the arms, scale of
+# the spirals, and smallest slot
+FLATNESS_RANGE = (0.5, 1.0)
+SCALE_OVER_THICKNESS = (5.0, 15.0)
+SMALLEST_SLOT = 0.15
 
 
 @dataclass(frozen=True, eq=False)
 class RodStiffnesses:
-    """k_s (N), k_b0, k_b1, k_t (N m^2) of n spirals, and derivatives by the spirals' dimensions.
+    """Rod parameters of n spirals, and their derivatives by the spirals' dimensions.
 
-    values : (n, 4); by_scale, by_width, by_twist : (n, 4) per metre, per metre, per radian
+    values : (n, 4) k_s (N), k_b0, k_b1, k_t (N m^2)
+    by_scale, by_width : (n, 4) derivatives per metre of the spiral's scale and of its arms' width
+    by_twist : (n, 4) derivatives per radian of twist
     """
 
     values: Float[np.ndarray, "spirals 4"]
@@ -43,7 +48,10 @@ class RodStiffnesses:
 
 @lru_cache(maxsize=4)
 def load_network(model: str, path: Path = PARAMETERS) -> dict[str, np.ndarray]:
-    """Load the arrays of the network "pair" or "chord"; raises FlexMapsError without them or in another version."""
+    """Load the arrays of the network ``model``, "pair" or "chord", from a file.
+
+    Raises FlexMapsError if the file is missing, has another version or does not contain this network.
+    """
     if model not in MODELS:
         raise FlexMapsError(f"'{model}' is not a rod model; choose one of {', '.join(MODELS)}")
     if not path.is_file():
@@ -71,16 +79,16 @@ def rod_parameters(
 ) -> RodStiffnesses:
     """Return the rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
 
-    Spirals outside the sampled region get the parameters of the nearest spiral inside. In the region, the scale is 5 to
-    15 and the width 0.5 to 1 sheet thicknesses, and the twist at most 360 degrees, with slots of at least 0.15
-    thicknesses.
+    Spirals outside the region of the training samples get the parameters of the nearest spiral inside. In the region,
+    the scale is 5 to 15 sheet thicknesses, the width 0.5 to 1, every slot at least 0.15, and the twist is at most 360
+    degrees.
 
     Parameters
     ----------
-    scale, width : (n,) metres
+    scale, width : (n,) scale of the spirals and width of their arms, metres
     twist : (n,) radians
-    thickness, youngs : of the sheet, metres, and Young's modulus, Pa
-    model : the network, "pair" or "chord" (see the top of this module)
+    thickness, youngs : thickness of the sheet, metres, and its Young's modulus, Pa
+    model : the network, "pair" or "chord" (see the module's docstring)
     """
     check_material(thickness, youngs)
     near = _Nearest.from_spirals(*check_dimensions(scale, width, twist), thickness)
@@ -95,7 +103,7 @@ def rod_parameters(
     weights, bias = net["weights"][:-1], net["weights"][-1]
     value = np.exp(net["offset"] + net["span"] * (answers @ weights + bias))
     slopes = [net["span"] / span[k] * ((-2.0 * sharp * offset[..., k] * answers) @ weights) for k in range(3)]
-    # chain rule: ln(s/w), ln(w/h), twist / limit(s/w)
+    # chain rule: the inputs of the network are ln(s/w), ln(w/h) and twist / limit(s/w)
     share_by_scale = -(near.twist / limit**2 * slope)[:, None]
     log_scale = slopes[0] + slopes[2] * share_by_scale
     power = np.array([2, 4, 4, 4])
