@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import logging
 import math
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 CHORD_TOLERANCE = 4e-3
 # maximum size of a file in bytes; larger files are refused, because reading them would take long
 MAX_BYTES = 50_000_000
+MAX_SYMBOLS = 500  # maximum number of symbols placed in an SVG drawing, in case a symbol contains itself
 MAX_DEPTH = 32  # maximum nesting depth of blocks, in case a damaged block contains itself
 # millimetres per drawing unit, by the unit's code in the header variable $INSUNITS. In order of the codes: inch, foot,
 # mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre, decimetre, decametre, hectometre, and the foot,
@@ -48,6 +50,8 @@ _LENGTH = re.compile(r"([-+\d.e]+?)\s*(mm|cm|in|pt|pc|px|)")  # matches a length
 _SIMPLE_RULES = re.compile(
     r"(?:\s|/\*.*?\*/|{0}(?:\s*,\s*{0})*\s*\{{[^{{}}!]*\}})*".format(r"(?:\*|[\w-]*[.#]?[\w-]+)"), re.DOTALL
 )
+_POINT = re.compile(r"([-+\d.e]+)(?:px)?[\s,]+([-+\d.e]+)(?:px)?")  # matches a point in pixels, or without unit
+_SHOWN = ("display", "visibility", "opacity")  # attributes of SVG elements that hide what they hold
 FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # types of DXF entities that fill an area
 
 
@@ -215,6 +219,8 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
         document = ElementTree.parse(path).getroot()
         if document.tag not in ("svg", "{http://www.w3.org/2000/svg}svg"):
             raise ValueError("no SVG")
+        _place_symbols(document)
+        _apply_origins(document)
         made = LineDrawing(unitless=_set_size(document), unsupported=_remove_unsupported(document))
         scale = unit if made.unitless else PIXEL
         source = io.BytesIO(ElementTree.tostring(document))
@@ -259,17 +265,77 @@ def _set_size(document: ElementTree.Element) -> bool:
     return not any(found and found[2] for found in lengths.values())
 
 
+def _place_symbols(document: ElementTree.Element) -> None:
+    """Replace every ``use`` of a symbol in an SVG document by a group with the symbol's elements; remove the symbols.
+
+    A symbol with a viewBox becomes a nested ``svg`` element of the size that the ``use`` element asks for.
+
+    Raises
+    ------
+    RecursionError : a symbol uses itself, or symbols are used more than ``MAX_SYMBOLS`` times in all
+    """
+    symbols = {one.get("id"): one for one in document.iter() if _tag(one) == "symbol"}
+    for parent in list(document.iter()):
+        for child in [one for one in parent if _tag(one) == "symbol"]:
+            parent.remove(child)
+    placed = 0
+    while uses := [
+        (one, _referred(one)) for one in document.iter() if _tag(one) == "use" and _referred(one) in symbols
+    ]:
+        placed += len(uses)
+        if placed > MAX_SYMBOLS:
+            raise RecursionError
+        for use, name in uses:
+            symbol, space = symbols[name], str(use.tag).removesuffix("use")
+            size = {key: use.get(key, symbol.get(key)) for key in ("width", "height")}
+            frame = {key: symbol.get(key) for key in ("viewBox", "preserveAspectRatio")} | size
+            moves = f"{use.get('transform', '')} translate({use.get('x', '0')},{use.get('y', '0')})"
+            inside = ElementTree.Element(space + ("svg" if symbol.get("viewBox") else "g"))
+            inside.attrib.update({key: text for key, text in frame.items() if text and symbol.get("viewBox")})
+            inside.extend(copy.deepcopy(list(symbol)))
+            kept = {key: text for key, text in use.attrib.items() if key in ("id", "class", "style", *_SHOWN)}
+            use.tag, use.attrib = f"{space}g", {**kept, "transform": moves}
+            use[:] = [inside]
+
+
+def _apply_origins(document: ElementTree.Element) -> None:
+    """Write transforms about a point, given in pixels or without unit, as transforms about the origin."""
+    for element in document.iter():
+        style = dict(part.strip().split(":", 1) for part in element.get("style", "").split(";") if ":" in part)
+        found = _POINT.fullmatch((style.get("transform-origin") or element.get("transform-origin", "")).strip())
+        where = style if "transform" in style else element.attrib
+        if found is None:
+            continue
+        x, y = float(found[1]), float(found[2])
+        if "transform" in where:
+            where["transform"] = f"matrix(1,0,0,1,{x},{y}) {where['transform']} matrix(1,0,0,1,{-x},{-y})"
+        for own in (style, element.attrib):
+            own.pop("transform-origin", None)
+        if style:
+            element.set("style", ";".join(f"{name}:{text}" for name, text in style.items()))
+
+
+def _tag(element: ElementTree.Element) -> str:
+    """Return the type of an SVG element, without its namespace."""
+    return str(element.tag).rpartition("}")[2]
+
+
+def _referred(use: ElementTree.Element) -> str:
+    """Return the id of the element that a ``use`` element shows; "" if it names none in the document."""
+    return use.get("href", use.get("{http://www.w3.org/1999/xlink}href", "")).partition("#")[2]
+
+
 def _remove_unsupported(document: ElementTree.Element) -> set[str]:
-    """Remove markers, masks and symbols from an SVG document.
+    """Remove markers and masks from an SVG document.
 
     Return the names of its elements and attributes that are not supported.
     """
     outside: set[str] = set()
     for parent in list(document.iter()):
         for child in list(parent):
-            tag = str(child.tag).rpartition("}")[2]
-            outside |= {tag} & {"text", "image", "foreignObject", "symbol"}
-            if tag in ("marker", "mask", "symbol"):
+            tag = _tag(child)
+            outside |= {tag} & {"text", "image", "foreignObject"}
+            if tag in ("marker", "mask"):
                 parent.remove(child)
             if tag == "style" and not _SIMPLE_RULES.fullmatch("".join(child.itertext())):
                 outside.add("style")

@@ -63,6 +63,21 @@ FORMS = {
     "use": (PLAIN, f'<defs><g id="a">{RECT}</g></defs><use xlink:href="#a" x="5"/>', [(200, 100, 0)]),
     "use of use": (PLAIN, f'<defs><g id="a">{RECT}</g><use id="b" href="#a" transform="scale(.5)"/></defs><use href="#b"/>',
                    [(100, 50, 0)]),
+    "symbol": (PLAIN, '<symbol id="a"><rect width="200" height="100"/></symbol><use href="#a"/>', [(200, 100, 0)]),
+    "symbol before it is named": (PLAIN, f'<use xlink:href="#a" transform="scale(.5)" x="7" y="-3"/><defs><symbol id="a">{RECT}</symbol></defs>',
+                                  [(100, 50, 0)]),
+    "symbol with a viewBox": (PLAIN, f'<symbol id="a" viewBox="0 0 300 200">{RECT}</symbol><use href="#a" width="150" height="100"/>',
+                              [(100, 50, 0)]),
+    "symbol with a viewBox and its own size": (PLAIN, f'<symbol id="a" viewBox="0 0 300 200" width="150" height="100">{RECT}</symbol><use href="#a"/>',
+                                               [(100, 50, 0)]),
+    "symbol of a symbol, twice": (PLAIN, '<symbol id="a"><rect width="200" height="100"/></symbol><symbol id="b"><use href="#a"/></symbol>'
+                                  '<use href="#b"/><use href="#b" y="110"/>', [(200, 100, 0), (200, 100, 0)]),
+    "symbols that are not shown": (PLAIN, f'{RECT}<symbol id="a"><circle cx="50" cy="50" r="20"/></symbol>'
+                                   '<use href="#a" display="none"/><g visibility="hidden"><use href="#a"/></g>', [(200, 100, 0)]),
+    "transform about an origin": (PLAIN, f'{RECT}<g transform="rotate(90)" transform-origin="60 60">'
+                                  '<rect x="50" y="50" width="20" height="20"/></g>', [(200, 100, 1)]),
+    "transform about an origin in style": (PLAIN, f'{RECT}<g style="transform: rotate(90deg); transform-origin: 60px 60px">'
+                                           '<rect x="50" y="50" width="20" height="20"/></g>', [(200, 100, 1)]),
     "marker, pattern, mask, clipPath": (PLAIN, RECT + "".join(
         f'<{tag}><circle cx="50" cy="50" r="20"/></{tag}>' for tag in ("marker", "pattern", "mask", "clipPath")), [(200, 100, 0)]),
     "switch": (PLAIN, f'<switch><foreignObject requiredExtensions="x"/><g>{RECT}</g><circle r="60"/></switch>', [(200, 100, 0)]),
@@ -131,6 +146,7 @@ def test_lengths_without_a_unit(tmp_path: Path, head: str, unit: str, scale: flo
         ('<image width="200" height="100"/>', "image, which is not read"),
         ('<use id="a" href="#b"/><use id="b" href="#a"/>', "cannot be read as SVG"),
         ('<g id="a"><use href="#a"/></g>', "cannot be read as SVG"),
+        ('<symbol id="a"><use href="#a"/></symbol><use href="#a"/>', "cannot be read as SVG"),
     ],
 )
 def test_what_is_not_read_is_named(tmp_path: Path, inside: str, says: str) -> None:
@@ -142,8 +158,7 @@ def test_what_is_not_read_is_named(tmp_path: Path, inside: str, says: str) -> No
     ("inside", "says"),
     [
         (f'<clipPath id="c"/><g clip-path="url(#c)">{RECT}</g>', "clip-path"),
-        (f'<g style="transform-origin:5px 5px">{RECT}</g>', "transform-origin"),
-        (f'{RECT}<symbol id="a"><circle cx="50" cy="50" r="20"/></symbol>', "symbol"),
+        (f'<g style="transform-origin:center">{RECT}</g>', "transform-origin"),
         *((f"<style>.a{{fill:none}} {rule}</style>{RECT}", "style") for rule in RULES),
     ],
 )
