@@ -190,3 +190,13 @@ def test_places_lie_in_the_quads_nearest_to_them(flat_grid):
         place = np.array([[flat.layout.patch_of[quad], x + 1e-3, y - 1e-3]])
         assert nearest_quads(flat, place, 1).tolist() == [quad]
         assert quad in nearest_quads(flat, place) and len(nearest_quads(flat, place)) == 4
+
+
+def test_distances_of_points_from_segments_are_those_of_shapely() -> None:
+    import shapely
+    from flexmaps.engine.spirals.contours import _distance_from_segment
+
+    points, segments = np.random.default_rng(3).normal(size=(2, 200, 2, 2))
+    lines = shapely.linestrings(segments)
+    wanted = np.minimum(*(shapely.distance(shapely.points(points[:, k]), lines) for k in range(2)))
+    np.testing.assert_allclose(_distance_from_segment(points, segments), wanted, atol=1e-12)
