@@ -1,4 +1,4 @@
-"""Positions and rotations at which supports hold hubs: every supported flat quad is fitted to its target quad."""
+"""Positions and rotations at which supports hold hubs: those that fit the hub's flat quad best to its target quad."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ class SupportPoses:
     They depend on the flat quads, because the rotation of a clamped hub is the one that fits its flat quad to the
     target.
 
-    loads : the supports; surface : the target; corners : (F, 4, 2) metres, the flat quads
+    loads : with the supports
+    surface : the target
+    corners : (F, 4, 2) corners of the flat quads, metres
     """
 
     loads: Loads
@@ -33,21 +35,21 @@ class SupportPoses:
 
     @cached_property
     def fitted_pose(self) -> Pose:
-        """Pose of all hubs that fits every flat quad to its quad of the target."""
+        """Pose of all hubs, also of those without support, that fits every flat quad to its quad of the target."""
         return target_pose(self.surface, self.corners)
 
     def with_corners(self, corners: Float[np.ndarray, "quads 4 2"]) -> SupportPoses:
-        """Return these supports for other flat quads."""
+        """Return a copy for other flat quads."""
         return replace(self, corners=corners)
 
     def place_supports(self, pose: Pose) -> Pose:
-        """Return the pose with the supported hubs moved to where the supports hold them."""
+        """Return a copy of the pose in which the supported hubs are where the supports hold them."""
         shifts, turns = self.loads.fixed[:, :3], self.loads.fixed[:, 3:4, None]
         centres = np.where(shifts, self.fitted_pose.centres, pose.centres)
         return replace(pose, centres=centres, rotations=np.where(turns, self.fitted_pose.rotations, pose.rotations))
 
     def correct_step(self, pose: Pose, step: Float[np.ndarray, "spirals 6"]) -> Float[np.ndarray, "spirals 6"]:
-        """Return the step, changed so that it brings the supported hubs to where the supports hold them.
+        """Return a copy of the step that brings the supported hubs to where the supports hold them.
 
         Parameters
         ----------
@@ -61,20 +63,21 @@ class SupportPoses:
         return step
 
     def by_points(self, layout: PatchLayout, bodies: int) -> csr_array:
-        """Differentiate the increments of supported hubs by the flat vertices; rows of other hubs are zero.
+        """Differentiate the rotations at which clamped hubs are held by the vertices of the flat patches.
 
-        Let p be the flat corners, q the target's corners and M = sum of p q^T. The rotation R that fits p to q best
-        makes S = R M symmetric. When p changes by dp, R turns by the rotation vector w that solves
+        Let p be the corners of a hub's flat quad, q those of its target quad and M = sum of p q^T. The rotation R that
+        fits p to q best makes S = R M symmetric. When p changes by dp, R rotates by the vector w that solves
         (tr(S) 1 - S) w = sum of R dp x q.
 
         Parameters
         ----------
         layout : gives the flat vertices of every quad
-        bodies : number of hubs and nodes
+        bodies : number of hubs and rim nodes
 
         Returns
         -------
-        (6 bodies, 2 P) : sparse, for P flat vertices
+        (6 bodies, 2 P) : sparse derivatives of the bodies' increments by x and y of the P flat vertices; only the rows
+            of clamped hubs' rotations are not zero
         """
         clamped = np.flatnonzero(self.loads.fixed[:, 3])
         wanted = self.surface.vertices[self.surface.quads[clamped]]
@@ -86,7 +89,7 @@ class SupportPoses:
         stiff = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - 0.5 * (
             stretch + np.swapaxes(stretch, 1, 2)
         )
-        # derivative by coordinate c of corner k: R e_c x q_k
+        # the derivative of the right-hand side by coordinate c of corner k is R e_c x q_k, with the unit vector e_c
         around = np.einsum("fkij,fjc->fikc", -skew(wanted), rotation[:, :, :2])
         turns = np.linalg.solve(stiff, around.reshape(-1, 3, 8))
         row = np.broadcast_to((6 * clamped[:, None] + np.arange(3, 6))[..., None], turns.shape)

@@ -1,6 +1,6 @@
-"""Products and rotations of arrays of small vectors and matrices, whose components are the last axes.
+"""Products and rotations of arrays of small vectors and matrices, with the components as the last axes.
 
-``arms/stacked.py`` holds the products for arrays whose first axes are the components.
+``arms/stacked.py`` holds such products for arrays with the components as the first axes.
 """
 
 from __future__ import annotations
@@ -12,23 +12,12 @@ from ..arrays import Float
 
 
 def matvec(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
-    """Multiply every matrix with its vector.
-
-    Parameters
-    ----------
-    matrix : (..., i, j)
-    vector : (..., j)
-    """
+    """Return the products (..., i) of matrices (..., i, j) and vectors (..., j)."""
     return (matrix @ vector[..., None])[..., 0]
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return dot products along the last axis.
-
-    Parameters
-    ----------
-    a, b : (..., i)
-    """
+    """Return the dot products (...) of vectors (..., i)."""
     return np.einsum("...i,...i->...", a, b)
 
 
@@ -38,12 +27,7 @@ def to_space(flat: np.ndarray) -> Float[np.ndarray, "... 3"]:
 
 
 def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i j"]:
-    """Return the outer products (..., i, j) of vectors (..., i) and (..., j).
-
-    Parameters
-    ----------
-    a, b : vectors, with the same leading dimensions
-    """
+    """Return the outer products (..., i, j) of vectors a (..., i) and b (..., j)."""
     return a[..., :, None] * b[..., None, :]
 
 
@@ -55,13 +39,7 @@ def skew(v: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 
 def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
-    """Write the cross-product matrices of vectors (3, ...) into an array of zeros (3, 3, ...).
-
-    Parameters
-    ----------
-    out : (3, 3, ...) zeros, changed in place
-    v : (3, ...)
-    """
+    """Write the cross-product matrices of vectors v (3, ...) into ``out`` (3, 3, ...), which must hold zeros."""
     out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
     out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
 
@@ -69,7 +47,7 @@ def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
 def rotation_vector(matrix: np.ndarray) -> Float[np.ndarray, "joints 3"]:
     """Return the rotation vectors (m, 3), radians, of rotation matrices (m, 3, 3).
 
-    Several times faster than scipy's function, which is used for angles near a half turn only.
+    This is several times faster than scipy's function, which is used only for angles near a half turn.
     """
     double = np.stack(
         [matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], 1

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Float
-from ..newton import ITERATIONS, NEGLIGIBLE, REACHED, TIME, Iteration, LevenbergMarquardt, LocalModel, minimise
+from ..levenberg_marquardt import NEGLIGIBLE, LevenbergMarquardt
+from ..newton import ITERATIONS, REACHED, TIME, Iteration, LocalModel, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
@@ -125,7 +126,7 @@ class _Proposal:
 
 @dataclass(eq=False)
 class _GaussNewtonProblem:
-    """The objective as a function of points, for ``newton.minimise`` (a ``newton.DampedProblem``).
+    """The objective as a function of points, for ``newton.minimise`` (a ``levenberg_marquardt.DampedProblem``).
 
     note : called with every better point; best : the best point so far
     curvature_estimates : estimate of the objective's curvature along every design variable
@@ -142,7 +143,7 @@ class _GaussNewtonProblem:
     before: float = np.inf
 
     @property
-    def over(self) -> bool:
+    def must_end(self) -> bool:
         return self.best.problem.work.is_over
 
     def step_progress(self, point: DesignPoint) -> Progress:
@@ -172,7 +173,7 @@ class _GaussNewtonProblem:
     def reached(self, point: DesignPoint) -> bool:
         return is_near(point, self.params)
 
-    def proposed(self, here: LocalModel, damping: float, following: float) -> _Proposal | None:
+    def propose(self, here: LocalModel, damping: float, following: float) -> _Proposal | None:
         """Return a step that nearly minimises the damped model; None if the search must end.
 
         damping, following : weights of half the squared step, and of half the hubs' squared rotations
@@ -183,12 +184,12 @@ class _GaussNewtonProblem:
         units = self.curvature_estimates.units(point.value, damping)
         model = CompositeModel(point, damping, following, units, lambda: within(0.0))
         proposal = self._proposal(model, model.minimise().step)
-        if self.over:
+        if self.must_end:
             return None
         point.problem.work.add_proposal()
         return proposal
 
-    def shortened(self, here: LocalModel, proposal: _Proposal, share: float) -> _Proposal:
+    def shorten(self, here: LocalModel, proposal: _Proposal, share: float) -> _Proposal:
         point: DesignPoint = here.own
         # damping and units are not needed: the predicted decrease leaves damping out, and no step is solved for
         model = CompositeModel(point, 0.0, 0.0, np.ones_like(point.x), lambda: None)
@@ -203,18 +204,18 @@ class _GaussNewtonProblem:
         increments = point.hub_increments(step)
         return _Proposal(step, increments, point.value - model.after(step, increments).value)
 
-    def tried(self, here: LocalModel, proposal: _Proposal) -> DesignPoint | None:
+    def take_step(self, here: LocalModel, proposal: _Proposal) -> DesignPoint | None:
         return _take_step(here.own, proposal.step, proposal.increments, self.trace, self.step_progress(here.own))
 
-    def gentle(self, proposal: _Proposal) -> float:
+    def min_following(self, proposal: _Proposal) -> float:
         """Return the damping of rotations whose term is ``GENTLE_COST`` times the proposal's predicted decrease."""
         squares = float((proposal.increments[:, 3:] ** 2).sum())
         return 2.0 * GENTLE_COST * proposal.gain / max(squares, NEGLIGIBLE**2)
 
-    def rejected(self) -> None:
+    def note_rejection(self) -> None:
         self.trace.rejected += 1
 
-    def accepted(self, point: DesignPoint) -> None:
+    def note_acceptance(self, point: DesignPoint) -> None:
         self.step_number += 1
         point.problem.work.add_step(float(np.log(self.before / max(_depending_on_shape(point), 1e-300))))
         if point.value < self.best.value:

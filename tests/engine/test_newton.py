@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from flexmaps.database.full_steps import FullSteps
-from flexmaps.engine import newton
+from flexmaps.engine import levenberg_marquardt, newton
 from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.levenberg_marquardt import LevenbergMarquardt
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.rods.rod_model import RodModel
-from flexmaps.engine.newton import Iteration, LevenbergMarquardt, LineSearch, LocalModel, minimise
+from flexmaps.engine.newton import Iteration, LineSearch, LocalModel, minimise
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from scipy.spatial.transform import Rotation
@@ -162,13 +163,13 @@ def test_cancelling_comes_through() -> None:
 class Residuals(Dense):
     """Rosenbrock's function as a least squares problem for damped steps."""
 
-    over = False
+    must_end = False
 
     def __init__(self) -> None:
         super().__init__(lambda x: 0.5 * rosen(x), lambda x: 0.5 * rosen_der(x), None)
         self.refused = 0
 
-    def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
+    def propose(self, here: LocalModel, damping: float, following: float) -> Any:
         jacobian = np.array([[-20.0 * here.own[0], 10.0], [-1.0, 0.0]])
         square = jacobian.T @ jacobian
         step = -np.linalg.solve(square + damping * np.eye(2), here.gradient)
@@ -176,19 +177,19 @@ class Residuals(Dense):
             return None
         return type("Step", (), {"step": step, "gain": -(here.gradient @ step + 0.5 * step @ square @ step)})
 
-    def shortened(self, here: LocalModel, proposal: Any, share: float) -> Any:
+    def shorten(self, here: LocalModel, proposal: Any, share: float) -> Any:
         return type("Step", (), {"step": share * proposal.step, "gain": share * proposal.gain})
 
-    def tried(self, here: LocalModel, proposal: Any) -> Any:
+    def take_step(self, here: LocalModel, proposal: Any) -> Any:
         return here.own + proposal.step
 
     def reached(self, x: np.ndarray) -> bool:
         return False
 
-    def rejected(self) -> None:
+    def note_rejection(self) -> None:
         self.refused += 1
 
-    def accepted(self, x: np.ndarray) -> None:
+    def note_acceptance(self, x: np.ndarray) -> None:
         self.seen.append(x)
 
 
@@ -217,10 +218,10 @@ def test_a_longer_first_step_begins_with_less_damping() -> None:
     assert short == pytest.approx(10.0 * long)
 
 
-@pytest.mark.parametrize(("stop", "refused"), [(0.0, newton.TRIALS), (1e-3, 1)])
+@pytest.mark.parametrize(("stop", "refused"), [(0.0, levenberg_marquardt.TRIALS), (1e-3, 1)])
 def test_a_refused_step_that_was_to_bring_next_to_nothing_is_the_last(stop: float, refused: int) -> None:
     class Uphill(Residuals):
-        def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
+        def propose(self, here: LocalModel, damping: float, following: float) -> Any:
             return type("Step", (), {"step": here.gradient, "gain": 5e-4 * here.energy})
 
     problem = Uphill()
@@ -234,7 +235,7 @@ def test_of_a_refused_step_the_share_is_taken_that_a_parabola_finds_least() -> N
             Dense.__init__(self, lambda x: 0.5 * x @ x, lambda x: x, None)
             self.refused = 0
 
-        def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
+        def propose(self, here: LocalModel, damping: float, following: float) -> Any:
             return type("Step", (), {"step": -10.0 * here.own, "gain": here.energy})
 
     problem = TooFar()
@@ -246,18 +247,19 @@ def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
     noted: list[tuple[float, int]] = []
 
     class Noting(Residuals):
-        def proposed(self, here: LocalModel, damping: float, following: float) -> Any:
+        def propose(self, here: LocalModel, damping: float, following: float) -> Any:
             noted.append((damping, self.refused))
-            return super().proposed(here, damping, following)
+            return super().propose(here, damping, following)
 
     minimise(Noting(), np.array([-1.2, 1.0]), LevenbergMarquardt(300, 0.0, 0.3))
     damping, refused = np.array(noted).T
     falls = damping[1:] / damping[:-1]
-    assert falls[refused[1:] == 0].min() < 0.5 * newton.CUT
-    assert falls[refused[:-1] > 0].min() > 0.9 * newton.CUT
+    assert falls[refused[1:] == 0].min() < 0.5 * levenberg_marquardt.CUT
+    assert falls[refused[:-1] > 0].min() > 0.9 * levenberg_marquardt.CUT
 
 
-# -- derivatives of the elastic models -------------------------------------------------------------------------------------
+# -- derivatives of the elastic models
+# -------------------------------------------------------------------------------------
 
 NAMES = ("first shift", "first turn", "second shift", "second turn")
 
@@ -320,5 +322,5 @@ def test_a_step_may_rise_to_the_largest_of_five_recent_energies(recent: tuple[fl
     hill = Hill(lambda x: 4.0, None, None)
     history = [Iteration(energy, 1.0) for energy in recent]
     here = LocalModel(recent[-1], np.ones(1))
-    found = LineSearch(1e-9, 10)._searched(hill, np.zeros(1), here, np.ones(1), history)
+    found = LineSearch(1e-9, 10)._search_line(hill, np.zeros(1), here, np.ones(1), history)
     assert (found is not None) == taken

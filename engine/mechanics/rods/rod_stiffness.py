@@ -115,10 +115,11 @@ def rod_parameters(
 
 @dataclass(frozen=True, eq=False)
 class _Nearest:
-    """The spirals (n,) of the sampled region that are nearest to given spirals, with derivatives by the given spirals.
+    """The n spirals in the region of the training samples that are nearest to n given spirals.
 
-    moves : (3, n) bool, False where scale, width or twist is clipped to the region
-    along : (2, n) rad/m, derivatives of a clipped twist by scale and width; 0 where it is not clipped
+    scale, width, twist : (n,) of the nearest spirals
+    moves : (3, n) mask: whether scale, width and twist are those of the given spiral; False where they are clipped
+    along : (2, n) derivatives of clipped twists by scale and width, rad/m; 0 for twists that are not clipped
     """
 
     scale: np.ndarray
@@ -129,8 +130,8 @@ class _Nearest:
 
     @classmethod
     def from_spirals(cls, scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> _Nearest:
-        """Find the nearest spirals in the sampled region."""
-        # spirals just outside the region count as inside, because rounding may put them there
+        """Find the nearest spirals in the region of the training samples."""
+        # the region is a little enlarged, because rounding may put spirals at its border just outside
         low, high = 1.0 - SLACK, 1.0 + SLACK
         near = np.clip(scale, low * thickness * SCALE_OVER_THICKNESS[0], high * thickness * SCALE_OVER_THICKNESS[1])
         thin = np.clip(width, low * thickness * FLATNESS_RANGE[0], high * thickness * FLATNESS_RANGE[1])
@@ -141,7 +142,7 @@ class _Nearest:
         return cls(near, thin, np.clip(twist, 0.0, limit), moves, along)
 
     def with_own_derivatives(self, found: RodStiffnesses) -> RodStiffnesses:
-        """Convert derivatives by the nearest spirals to derivatives by the original spirals (chain rule)."""
+        """Convert derivatives by the nearest spirals to derivatives by the given spirals (chain rule)."""
         by_scale, by_width = (
             (slope + found.by_twist * along[:, None]) * moves[:, None]
             for slope, along, moves in zip((found.by_scale, found.by_width), self.along, self.moves[:2], strict=True)
@@ -150,9 +151,9 @@ class _Nearest:
 
 
 def _largest_twist(scale: np.ndarray, width: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the largest twist (n,) in the sampled region, radians, and its derivatives by scale and width."""
+    """Return the largest twist (n,) of the training samples, radians, and its derivatives by scale and width."""
     spread = (0.25 * math.pi * scale / (width + SMALLEST_SLOT * thickness)) ** 2
-    # positive: at the region's smallest s/w the spread is 11
+    # spread - 1 is positive, because spread is 11 at the region's smallest scale over width
     cut = np.sqrt(spread - 1.0)
     slope = np.where(cut < 2.0 * math.pi, spread / cut, 0.0)
     return np.minimum(2.0 * math.pi, cut), slope / scale, -slope / (width + SMALLEST_SLOT * thickness)
@@ -164,7 +165,7 @@ def beyond(
     twist: Float[np.ndarray, " rad"],
     thickness: float,
 ) -> list[OutOfRange]:
-    """List the quantities that lie outside the sampled region.
+    """Return the quantities that are outside the region of the training samples, with the spirals that have them.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
-"""Bending and torsion energy of one end of an edge from two curvatures and a roll (FlexMaps section 6.1).
+"""Bending and torsion energy at one end of an edge, from the curvature binormal and the torsion (FlexMaps section 6.1).
 
-The frame of an edge at an end is the hub's frame, carried onto the edge by the shortest rotation and then rolled about
-the edge by the torsion. Let x, y be the components of the curvature binormal along the hub's normal and along the left
-of the edge's rest direction. Averaging both frames gives the two curvatures of eq. 3,
+Let x, y be the components of the curvature binormal along the hub's normal and along the left of the edge's rest
+direction. The torsion of an end is the roll of the edge relative to the hub there: the edge's frame is the hub's frame,
+carried onto the edge by the shortest rotation and then rotated about the edge by the torsion. The mean of both frames
+gives the two curvatures of eq. 3,
 
     x' = c (x cos h - y sin h)    and    y' = c (y cos h + x sin h),    h = torsion / 2,   c = cos h.
 """
@@ -15,17 +16,20 @@ import numpy as np
 
 from ...arrays import Float
 
-TOLERANCE = 1e-9  # radians; a Newton step below this ends the iteration; the error left is the square of the step
+# A Newton step of a roll below this, in radians, ends the iteration; the remaining error is about the step squared
+TOLERANCE = 1e-9
 ROUNDS = 60  # largest number of Newton steps or bisections: enough for double precision
-MAX_ROLL_STEP = 0.5  # radians, largest roll of an edge in one step; larger may skip a minimum; chosen by eye
+MAX_ROLL_STEP = 0.5  # largest change of an edge's roll in one step, radians; larger may skip a minimum; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
 class EndEnergy:
-    """Energies of edge ends and their derivatives by x, y and torsion; any number of leading axes.
+    """Energies of edge ends, with derivatives by x, y and torsion (see the module's docstring).
 
-    energy : (...) J; gradient : (..., 3); hessian : (..., 3, 3)
-    convex : (..., 3, 3) the Hessian without second derivatives of the strains (Gauss-Newton)
+    energy : (...) joules
+    gradient : (..., 3) first derivatives
+    hessian : (..., 3, 3) second derivatives
+    convex : (..., 3, 3) the Hessian without second derivatives of x' and y' (Gauss-Newton)
     """
 
     energy: Float[np.ndarray, " ..."]
@@ -35,7 +39,7 @@ class EndEnergy:
 
 
 def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return both curvatures x' and y', cos^2 h, cos h sin h and cos^2 h - 1/2, with h half the torsion."""
+    """Return x', y', cos^2 h, cos h sin h and cos^2 h - 1/2, in the notation of the module's docstring."""
     half_cosine, half_sine = 0.5 * np.cos(torsion), 0.5 * np.sin(torsion)
     squared = 0.5 + half_cosine
     x, y = bend[..., 0], bend[..., 1]
@@ -45,13 +49,13 @@ def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
 def energy(
     springs: Float[np.ndarray, "... 3"], bend: Float[np.ndarray, "... 2"], torsion: Float[np.ndarray, " ..."]
 ) -> Float[np.ndarray, " ..."]:
-    """Return the energies of rod ends by eq. 3 and 4, joules.
+    """Return the energies of edge ends by eq. 3 and 4, joules.
 
     Parameters
     ----------
-    springs : (..., 3) k_b0, k_b1 and k_t, divided by the half length of the edge, N m
+    springs : (..., 3) k_b0, k_b1 and k_t, divided by the length of the half edge, N m
     bend : (..., 2) components x, y of the curvature binormal
-    torsion : (...) rad
+    torsion : (...) of the ends, radians
     """
     first, second = _strains(bend, torsion)[:2]
     return 0.5 * (springs[..., 0] * first**2 + springs[..., 1] * second**2 + springs[..., 2] * torsion**2)
@@ -82,7 +86,10 @@ def expand(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> EndEne
 
 
 def _slopes(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the strains (..., 3) x', y' and torsion, and derivatives (..., 3, 3) by x, y and torsion (last axis)."""
+    """Return the strains (..., 3), which are x', y' and torsion, and their derivatives (..., 3, 3).
+
+    The last axis of the derivatives is for x, y and torsion, the axis before it for the strains.
+    """
     first, second, squared, half_sine, half_cosine = _strains(bend, torsion)
     x, y = bend[..., 0], bend[..., 1]
     slopes = np.zeros((*torsion.shape, 3, 3))
@@ -100,16 +107,16 @@ def relaxed_roll(
     torsion: Float[np.ndarray, " joints"],
     guess: Float[np.ndarray, " joints"],
 ) -> Float[np.ndarray, " joints"]:
-    """Return the rolls (m,) of the edges that minimise their energy, radians relative to their first hubs.
+    """Return the rolls (m,) of edges, relative to their first hubs, that minimise their energies; radians.
 
     Newton's method, bracketed by the signs of the slope, finds the minimum downhill of ``guess``. An edge whose slope
-    is not finite is dropped from the iteration.
+    is not finite is left at its last roll.
 
     Parameters
     ----------
     springs, bend : (m, 2, 3) and (m, 2, 2), as in ``energy``, of both ends
-    torsion : (m,) rad, turn of the second hub relative to the first
-    guess : (m,) rad
+    torsion : (m,) rotation of the second hub relative to the first about the edge, radians
+    guess : (m,) rolls at which the search starts, radians
     """
     roll = np.array(guess, dtype=float)
     low, high = np.full_like(roll, -np.inf), np.full_like(roll, np.inf)
@@ -122,7 +129,7 @@ def relaxed_roll(
         low[left], high[left] = below, above
         newton = here - slope / bulge
         good = (bulge > 0) & (newton >= below) & (newton <= above)
-        # the midpoint of a half-open interval is infinite; clipping makes it the longest step
+        # as long as only one side is bracketed, the midpoint is infinite; clipping turns it into the longest step
         roll[left] = np.clip(np.where(good, newton, 0.5 * (below + above)), here - MAX_ROLL_STEP, here + MAX_ROLL_STEP)
         left = left[(np.abs(roll[left] - here) > TOLERANCE) & np.isfinite(slope)]
         if not len(left):
@@ -131,14 +138,17 @@ def relaxed_roll(
 
 
 def _offsets(torsion: np.ndarray) -> Float[np.ndarray, "joints 2"]:
-    """Return the turns (m, 2) of the hubs at both ends relative to the first hub, radians."""
+    """Return the rotations (m, 2) of the hubs at both ends about the edge, relative to the first hub, radians."""
     return np.stack([np.zeros_like(torsion), torsion], axis=1)
 
 
 def _roll_slopes(
     springs: np.ndarray, bend: np.ndarray, angle: Float[np.ndarray, "joints 2"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return first and second derivatives (m,) of the energy of both ends by a common roll; angle : (m, 2) rad."""
+    """Return first and second derivatives (m,) of the energy of edges by their roll.
+
+    springs, bend : as in ``relaxed_roll``; angle : (m, 2) roll of the edge relative to the hub at either end, radians
+    """
     first, second, _, half_sine, half_cosine = _strains(bend, angle)
     x, y = bend[..., 0], bend[..., 1]
     slope1, slope2 = -half_sine * x - half_cosine * y, -half_sine * y + half_cosine * x

@@ -20,7 +20,7 @@ def test_rotations_of_a_lost_step_cost_more_than_it_promised(still: int) -> None
         OptimiseParams(), gauss_newton.SearchRecord(), lambda _: None, SILENT, start, CurvatureEstimate(1)
     )
     increments = np.concatenate([np.random.default_rng(3).normal(size=(10, 6)), np.zeros((still, 6))])
-    damping = problem.gentle(gauss_newton._Proposal(np.zeros(1), increments, 0.3))
+    damping = problem.min_following(gauss_newton._Proposal(np.zeros(1), increments, 0.3))
     cost = 0.5 * float((rotation_damping_gradient(damping, increments).by_hubs * increments).sum())
     assert cost == pytest.approx(0.3 * gauss_newton.GENTLE_COST) and cost > 0.3
 
@@ -47,6 +47,6 @@ def test_a_shortened_step_keeps_its_direction_and_predicts_its_own_decrease(monk
         OptimiseParams(), gauss_newton.SearchRecord(), lambda _: None, SILENT, point, CurvatureEstimate(2)
     )
     here: Any = SimpleNamespace(own=point)
-    found = problem.shortened(here, gauss_newton._Proposal(step, np.zeros((3, 6)), 1.0), 0.25)
+    found = problem.shorten(here, gauss_newton._Proposal(step, np.zeros((3, 6)), 1.0), 0.25)
     assert found.step == pytest.approx(0.25 * step) and found.increments == pytest.approx(np.full((3, 6), 0.05))
     assert found.gain == pytest.approx(model(np.zeros(2)) - model(0.25 * step))
