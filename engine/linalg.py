@@ -1,7 +1,7 @@
 """Sparse symmetric positive definite solver: CHOLMOD through cvxopt, or SuperLU if cvxopt is missing.
 
-The sparsity pattern is analysed once; matrices with this pattern are then factored repeatedly, as Newton's method needs
-it.
+The sparsity pattern is analysed once. Then many matrices with this pattern are factorised, as in Newton's method. A
+matrix is given by the nnz entries of its lower triangle, in the order of the pattern.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ class SparsityPattern:
     """Sparsity pattern of a symmetric matrix: its lower triangle in compressed columns, with all diagonal entries.
 
     size : number of rows
-    indptr : (size + 1,) int, start of every column
-    indices : (nnz,) int, row of every entry, ascending within a column
-    slot : (T,) int, entry to which each of the constructor's T triplets adds; triplets above the diagonal have the
-        extra index ``nnz`` and are dropped
+    indptr : (size + 1,) index of the first entry of every column
+    indices : (nnz,) row of every entry, ascending within a column
+    slot : (T,) index of the entry to which each of the constructor's T triplets adds; nnz for triplets above the
+        diagonal, which are dropped
     """
 
     def __init__(self, rows: Int[np.ndarray, " _"], cols: Int[np.ndarray, " _"], size: int):
-        """Build the pattern from triplets.
+        """Build the pattern from triplets (row, column, value), without their values.
 
         Parameters
         ----------
-        rows, cols : (T,) int, entries of both triangles or of the lower triangle only; repetitions are allowed
+        rows, cols : (T,) rows and columns of entries in both triangles or in the lower triangle only; they may repeat
         size : number of rows of the matrix
         """
         rows, cols = np.asarray(rows, dtype=np.int64).ravel(), np.asarray(cols, dtype=np.int64).ravel()
@@ -55,15 +55,15 @@ class SparsityPattern:
 
     @property
     def columns(self) -> Num[np.ndarray, " nnz"]:
-        """(nnz,) int, column of every entry."""
+        """Column (nnz,) of every entry."""
         return np.repeat(np.arange(self.size), np.diff(self.indptr))
 
     def sum(self, values: np.ndarray) -> Num[np.ndarray, " nnz"]:
-        """Sum (T,) values of the constructor's triplets into (nnz,) entries of the lower triangle."""
+        """Return the entries (nnz,) of the lower triangle: the sums of the triplets' ``values`` (T,)."""
         return np.bincount(self.slot, weights=np.ravel(values), minlength=self.nnz + 1)[: self.nnz]
 
     def matrix(self, values: np.ndarray) -> csc_array:
-        """Return the full symmetric matrix with (nnz,) lower-triangle values."""
+        """Return the whole symmetric matrix whose lower triangle has the entries ``values`` (nnz,)."""
         lower = csc_array((values, self.indices, self.indptr), shape=(self.size, self.size))
         upper = lower.T.tocsc()
         upper.setdiag(0.0)
@@ -71,12 +71,12 @@ class SparsityPattern:
 
 
 class SparseCholesky:
-    """Cholesky factorisation of matrices with a common pattern.
+    """Cholesky factorisation of matrices that share a sparsity pattern.
 
     Parameters
     ----------
     pattern : sparsity pattern of the matrices
-    backend : "cvxopt" or "superlu"; None for cvxopt if it is installed, else SuperLU
+    backend : "cvxopt" or "superlu"; default cvxopt if it is installed, else SuperLU
     """
 
     def __init__(self, pattern: SparsityPattern, backend: str | None = None):
@@ -92,7 +92,10 @@ class SparseCholesky:
             raise ValueError(f"unknown backend '{self.backend}'")
 
     def factor(self, values: np.ndarray) -> None:
-        """Factor the matrix with (nnz,) lower-triangle values; raise ``NotPositiveDefinite``, also for inf and NaN."""
+        """Factorise the matrix whose lower triangle has the entries ``values`` (nnz,).
+
+        Raises ``NotPositiveDefinite`` if it has no Cholesky factor, also if an entry is infinite or NaN.
+        """
         if not np.isfinite(values).all():
             raise NotPositiveDefinite("the matrix holds values that are not finite")
         if not self.pattern.size:
@@ -111,7 +114,7 @@ class SparseCholesky:
             raise NotPositiveDefinite("an eigenvalue is not positive")
 
     def attempt(self, values: np.ndarray) -> bool:
-        """Factor the matrix with (nnz,) lower-triangle values; return False if it is not positive definite."""
+        """Factorise a matrix like ``factor``, but return False instead of raising ``NotPositiveDefinite``."""
         try:
             self.factor(values)
         except NotPositiveDefinite:
@@ -119,7 +122,7 @@ class SparseCholesky:
         return True
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for a (size,) or (size, k) right-hand side with the last factor; return a new array of this shape."""
+        """Solve with the last factorised matrix; ``rhs`` and the result have the shape (size,) or (size, k)."""
         rhs = np.asarray(rhs, dtype=float)
         if not self.pattern.size:
             return rhs.copy()
@@ -134,9 +137,9 @@ class SparseCholesky:
 
 
 class SparseLU:
-    """LU factors, without pivoting, of a square matrix with a symmetric pattern.
+    """LU factorisation, without pivoting, of a square matrix with a symmetric sparsity pattern.
 
-    The values may be unsymmetric and the matrix indefinite. Raises ``NotPositiveDefinite`` if a pivot is zero.
+    The matrix may be unsymmetric and indefinite. Raises ``NotPositiveDefinite`` if a pivot is zero.
     """
 
     def __init__(self, matrix: csc_array):
@@ -146,13 +149,13 @@ class SparseLU:
     def negative(self) -> int:
         """Number of negative pivots.
 
-        For a symmetric matrix it equals the number of negative eigenvalues (Sylvester's law of inertia); for any matrix
-        it is even if the determinant is positive and odd if it is negative.
+        For a symmetric matrix it equals the number of negative eigenvalues (Sylvester's law of inertia). For any matrix
+        it is even if the determinant is positive, and odd if the determinant is negative.
         """
         return int((self._factor.U.diagonal() < 0).sum())
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for a (size,) or (size, k) right-hand side."""
+        """Solve for the right-hand side ``rhs``; it and the result have the shape (size,) or (size, k)."""
         return self._factor.solve(np.asarray(rhs, dtype=float))
 
 
@@ -172,7 +175,10 @@ def negative_eigenvalues(pattern: SparsityPattern, values: np.ndarray) -> int:
 
 
 def _symmetric_lu(pattern: SparsityPattern, values: np.ndarray) -> Any:
-    """Return LU factors without pivoting; U has as many negative diagonal entries as the matrix has eigenvalues < 0."""
+    """Return the LU factors of a symmetric matrix without pivoting.
+
+    U has as many negative diagonal entries as the matrix has negative eigenvalues.
+    """
     return _lu_without_pivoting(pattern.matrix(values))
 
 

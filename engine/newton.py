@@ -136,7 +136,7 @@ class SaddleProblem(FactoredProblem, Protocol):
         """Return whether the exact Hessian at a state is positive definite; its factorisation is kept."""
 
     def exits(self, state: Any) -> list[Any]:
-        """Return two states near a saddle: after small steps to either side along the direction of steepest decrease."""
+        """Return two states near a saddle: small steps to either side along the direction of steepest decrease."""
 
 
 class Rule(Protocol):

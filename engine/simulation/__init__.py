@@ -1,1 +1,1 @@
-"""Simulate the shape that an assembled design takes, and find what a maker should know about it."""
+"""Simulate the shape that an assembled design takes, and report to users what may be wrong with it."""

@@ -1,4 +1,4 @@
-"""Distances between a piece and its target when the sheets differ from their nominal values."""
+"""Distances between a piece and its target if thickness, width or stiffness differ from their nominal values."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ToleranceEffect:
-    """Distances from the target at the lower and the upper end of one tolerance.
+    """Distances from the target if one quantity is at the lower or at the upper end of its tolerance.
 
-    name : "thickness", "width" or "stiffness"
-    rms_low, rms_high : RMS distance in metres at the lower and at the upper end; None where no equilibrium was found
-    phrase : phrase that names the tolerance, for example "with a sheet 5 % thicker or thinner"
+    name : the quantity: "thickness", "width" or "stiffness"
+    rms_low, rms_high : RMS distance at the lower and at the upper end, metres; None if no equilibrium was found there
+    phrase : names the tolerance in messages, for example "with a sheet 5 % thicker or thinner"
     """
 
     name: str
@@ -22,7 +22,7 @@ class ToleranceEffect:
 
     @property
     def text(self) -> str:
-        """Part of a sentence to users: the smaller and the larger distance, or that no equilibrium was found."""
+        """Part of a message to users: the smaller and the larger distance, or that no equilibrium was found."""
         distances = sorted(one for one in (self.rms_low, self.rms_high) if one is not None)
         if len(distances) < 2:
             return f"no equilibrium found {self.phrase}"
@@ -31,20 +31,17 @@ class ToleranceEffect:
 
 @dataclass(frozen=True)
 class ToleranceBand:
-    """Distances of a piece from its target at the ends of every tolerance.
-
-    tolerances : distances at the ends of each tolerance
-    """
+    """Distances of a piece from its target at the ends of the tolerances of several quantities."""
 
     tolerances: tuple[ToleranceEffect, ...]
 
     @property
     def text(self) -> str:
-        """Sentence to users. It leaves out the distance with nominal sheets, which is always shown before it."""
+        """Message to users, without the distance for nominal sheets, which is always shown before it."""
         return f"RMS with other sheets: {', '.join(one.text for one in self.tolerances)}."
 
     def report(self) -> dict[str, Any]:
-        """Return the entry for the ``equilibrium`` block of report.json, with RMS distances in mm."""
+        """Return the entry ``band`` of the block ``equilibrium`` in report.json, with RMS distances in mm."""
 
         def to_mm(value: float | None) -> float | None:
             return None if value is None else 1e3 * value

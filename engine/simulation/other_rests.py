@@ -13,24 +13,26 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from .simulate import Simulation
 
-# standard deviation of the random start pose: shifts as a share of the mean distance between neighbouring hubs, turns
-# in radians; larger finds more other shapes
+# Standard deviation of the random shifts (as a share of the mean distance between neighbouring hubs) and rotations (in
+# radians) by which one starting pose differs from the target's pose; larger finds more other shapes
 PERTURBATION = 0.1
 
 
 def find_other_rests(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Simulation:
-    """Add other stable shapes to a simulation; searches start from the target's pose and from a random pose near it.
+    """Search for other stable shapes of a simulated piece.
+
+    There are two searches: from the target's pose and from a random pose near it.
 
     Parameters
     ----------
-    simulation : a simulation; returned unchanged if it did not converge
-    params : settings of the equilibria
-    progress : called with the fraction done; may cancel
+    simulation : of the piece; returned unchanged if it did not converge
+    params : settings of the solver
+    progress : is updated and can cancel
 
     Returns
     -------
-    the simulation with ``others`` in order of energy, and with ``rest_from_target`` if the search from the target's
-    pose ends in another shape
+    Simulation : a copy with the other shapes in ``others``, in order of energy; if the search from the target's pose
+        ended in another shape, this is ``rest_from_target``
     """
     equilibrium, loads, model = simulation.equilibrium, simulation.loads, simulation.model
     if not equilibrium.converged:
@@ -46,13 +48,14 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
             others.append(other.with_pose(loads.align(other.pose, simulation.assembly.pairs, aim)))
             rest_from_target = others[-1] if start is aim else rest_from_target
     found = replace(simulation, others=sorted(others, key=lambda one: one.energy), rest_from_target=rest_from_target)
-    found.slots_cache.extend(simulation.slots_cache)  # the caches stay valid, because the shape is unchanged
+    # the caches are still valid, because the simulated shape is the same
+    found.slots_cache.extend(simulation.slots_cache)
     found.softest_cache.extend(simulation.softest_cache)
     return found
 
 
 def _perturb(pose: Pose, simulation: Simulation) -> Pose:
-    """Move and turn the hubs of a pose at random, except in degrees of freedom that supports hold."""
+    """Return the pose after random shifts and rotations of its hubs, except for those that supports hold."""
     pairs = joints_between_hubs(simulation.model.pairs, len(pose.centres))
     length = float(np.linalg.norm(np.diff(pose.centres[pairs], axis=1), axis=2).mean())
     step = PERTURBATION * np.random.default_rng(0).normal(size=(len(pose.centres), 6)) * np.repeat([length, 1.0], 3)

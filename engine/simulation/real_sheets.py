@@ -1,6 +1,6 @@
-"""Compute how tolerances of real sheets change a piece: one equilibrium for each end of each tolerance.
+"""Compute how tolerances of real sheets change the shape of a piece: one equilibrium for each end of each tolerance.
 
-A changed thickness, width or stiffness is the same all over the piece.
+The change of thickness, width or stiffness is the same everywhere in the piece.
 """
 
 from __future__ import annotations
@@ -18,23 +18,24 @@ from ..progress import SILENT, Progress
 from .band import ToleranceBand, ToleranceEffect
 from .simulate import Simulation
 
-# tolerance of a sheet's thickness, plus or minus, as a share of the nominal thickness: plywood, all other materials
+# Half width of the tolerance of a sheet's thickness, as a share of the nominal thickness: of plywood, of all other
+# materials
 PLYWOOD_THICKNESS_TOLERANCE, THICKNESS_TOLERANCE = 0.10, 0.05
-WIDTH_TOLERANCE = 5e-5  # tolerance of the arms' width, plus or minus, metres: the variation of the kerf
-STIFFNESS_TOLERANCE = (
-    0.03  # relative uncertainty of the elastic model's ratio of bending to in-plane stiffness, plus or minus
-)
-MAX_SPIRALS = 3000  # largest number of spirals for which this is computed by default; larger: users wait longer
+WIDTH_TOLERANCE = 5e-5  # half width of the tolerance of the arms' width, metres, from the variation of the kerf
+# relative error, up or down, of the elastic model's ratio of bending to in-plane stiffness
+STIFFNESS_TOLERANCE = 0.03
+# For pieces with more spirals, the effect of tolerances is not computed by default; larger: users wait longer
+MAX_SPIRALS = 3000
 
 
 def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> ToleranceBand:
-    """Solve for the equilibrium at both ends of every tolerance.
+    """Compute the distances from the target at both ends of every tolerance.
 
     Parameters
     ----------
-    simulation : a converged simulation with nominal sheets
-    params : settings of the equilibria
-    progress : called with the fraction done; may cancel
+    simulation : a converged simulation with nominal values
+    params : settings of the solver
+    progress : is updated and can cancel
     """
     wood = simulation.material.orthotropy is not None
     share = PLYWOOD_THICKNESS_TOLERANCE if wood else THICKNESS_TOLERANCE
@@ -64,10 +65,15 @@ def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Pro
 def _rms_distance(
     simulation: Simulation, name: str, step: float, params: SimulateParams, progress: Progress
 ) -> float | None:
-    """Return the RMS distance from the target, metres, after a change of one quantity; None without an equilibrium.
+    """Return the RMS distance from the target after a change of one quantity, metres; None if there is no equilibrium.
 
-    name : the quantity, "thickness", "width" or "stiffness"
-    step : change of the width, metres, or relative change of the thickness or stiffness
+    Parameters
+    ----------
+    simulation : with nominal values, where the search for the equilibrium starts
+    name : the quantity: "thickness", "width" or "stiffness"
+    step : change of the width in metres, or relative change of the thickness or stiffness
+    params : settings of the solver
+    progress : is updated and can cancel
     """
     progress(0.0, "Simulating real sheets")
     assembly, loads, model, material = simulation.assembly, simulation.loads, simulation.model, simulation.material

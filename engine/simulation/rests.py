@@ -1,4 +1,4 @@
-"""Findings about the stability of a piece at rest: it may be about to snap, or have another stable shape."""
+"""Messages about the stability of a simulated piece: it may be about to snap, or have another stable shape."""
 
 from __future__ import annotations
 
@@ -13,23 +13,26 @@ from ..mechanics.equilibrium import Equilibrium
 from ..surface.checking.finding import Finding, with_count
 from ..surface.mesh import QuadMesh
 
-# function that returns the softest motion of the hubs (n, 6), and its stiffness as a share of the stiffness that the
-# convex part of the energy alone gives it
+# A function without arguments. It returns the softest motion of the hubs (n, 6), and the stiffness of this motion: the
+# second derivative of the energy along it, as a share of the same derivative by the convex part of the Hessian alone
 Softest = Callable[[], tuple[np.ndarray, float]]
-# function of an equilibrium that returns every spiral's largest strain (F,) as a share of the limit; None for rods
+# A function of an equilibrium. It returns every spiral's largest strain (F,) as a share of the strain limit, or None
+# for the rod model
 Strain = Callable[[Equilibrium], np.ndarray | None]
-# stiffness of the softest motion, as a share of the convex part, below which a piece is about to snap; larger values
-# warn earlier
+# A piece is about to snap if the stiffness of its softest motion, as a share (see ``Softest``), is below this; larger
+# values warn earlier
 SNAP_STIFFNESS = 0.02
-# least motion of a spiral in a finding, as a share of the largest motion; larger values name fewer spirals; by eye
+# A message names the spirals that move by at least this share of the largest motion; larger values name fewer spirals;
+# by eye
 MIN_MOTION_SHARE = 0.5
-# another stable shape counts as equally near to the target if its RMS distance is at most this multiple of the
-# simulated shape's RMS distance; larger: more shapes count as equally near; by eye
+# Another stable shape is as near to the target as the simulated shape if its RMS distance is at most this multiple of
+# the simulated shape's; larger: more shapes are; by eye
 MAX_DISTANCE_RATIO = 1.25
-# codes of the findings about another stable shape: for a worse match or breaking arms; for an equally good match
+# codes of the messages about another stable shape: if it is farther from the target or its arms may break; if it is as
+# near to the target
 OTHER_REST_CODES = ("other-rest", "rest-as-near")
-# energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors
-# are far smaller
+# Another stable shape is said to have less energy if the difference is at least this share of the elastic energy;
+# rounding errors are far smaller
 MIN_ENERGY_DROP = 1e-3
 
 
@@ -42,17 +45,17 @@ def rest_findings(
     target: QuadMesh,
     size: float,
 ) -> list[Finding]:
-    """Return the findings about stability; none if the equilibrium did not converge.
+    """Return the messages about stability; none if the equilibrium did not converge.
 
     Parameters
     ----------
     equilibrium : the simulated equilibrium
     others : other equilibria of the piece
     rest_from_target : member of ``others`` that a search from the target's pose reaches, or None
-    softest : function that returns the softest motion
-    strain : function that returns the strains of an equilibrium
+    softest : returns the softest motion of the simulated equilibrium
+    strain : returns the strains of an equilibrium
     target : mesh that the piece should match
-    size : length in metres that percentages in messages refer to
+    size : length of which percentages in messages are shares, metres
     """
     findings: list[Finding] = []
     if not equilibrium.converged:
@@ -75,9 +78,10 @@ def rest_findings(
 def reported_rest(
     equilibrium: Equilibrium, others: Sequence[Equilibrium], rest_from_target: Equilibrium | None
 ) -> Equilibrium | None:
-    """Return the equilibrium that the finding about another stable shape describes, or None.
+    """Return the equilibrium that the message about another stable shape describes, or None.
 
-    It is the one of least energy if that is lower than the simulated one's, else ``rest_from_target``.
+    It is the one of least energy among ``others`` if this is less than the energy of the simulated equilibrium, else
+    ``rest_from_target``.
 
     Parameters
     ----------
@@ -98,17 +102,15 @@ def _other_rest(
     target: QuadMesh,
     size: float,
 ) -> Finding:
-    """Return the finding about another stable shape; its code says whether that shape is worse than the simulated one.
-
-    Worse means farther from the target, or with breaking arms.
+    """Return the message about another stable shape, with one of the ``OTHER_REST_CODES``.
 
     Parameters
     ----------
     equilibrium, other : the simulated and the other stable shape
     strain, other_strain : largest strain in the simulated and in the other shape, as a share of the limit
-    lower : whether the other shape has less energy
+    lower : the other shape has less energy
     target : mesh that the piece should match
-    size : length in metres that percentages in the message refer to
+    size : length of which percentages in the message are shares, metres
     """
     here, there = (
         float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (equilibrium, other)
@@ -133,18 +135,17 @@ def _other_rest(
 
 
 def snapping_spirals(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " some"], float]:
-    """Return the spirals that would move most if the piece is about to snap, else no spirals.
+    """Return the spirals that would move most if the piece snapped; none if it is not about to snap.
 
     Parameters
     ----------
     equilibrium : the simulated equilibrium
-    softest : function that returns the softest motion; called only if ``equilibrium.spare`` is small
+    softest : returns the softest motion; called only if ``equilibrium.spare`` is below ``SNAP_STIFFNESS``
 
     Returns
     -------
-    spirals : (k,) indices
-    share : stiffness of the softest motion, as a share of the convex part; if no spirals are returned, it may be only a
-        lower bound of that
+    (k,) : indices of the spirals
+    float : stiffness of the softest motion, as a share (see ``Softest``); without spirals only a lower bound of it
     """
     none = np.zeros(0, dtype=int)
     if equilibrium.spare >= SNAP_STIFFNESS:
@@ -155,11 +156,11 @@ def snapping_spirals(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np
 
 
 def lower_rest(equilibrium: Equilibrium, others: Sequence[Equilibrium]) -> Equilibrium | None:
-    """Return the equilibrium of least energy among ``others`` if its energy is less than that of ``equilibrium``."""
+    """Return the equilibrium of least energy among ``others`` if its energy is less than ``equilibrium.energy``."""
     best = min(others, key=lambda one: one.energy, default=None)
     return best if best is not None and _is_lower(best, equilibrium) else None
 
 
 def _is_lower(other: Equilibrium, equilibrium: Equilibrium) -> bool:
-    """Whether the energy of ``other`` is less than that of ``equilibrium`` by more than rounding errors."""
+    """Return whether the energy of ``other`` is less than that of ``equilibrium`` by more than ``MIN_ENERGY_DROP``."""
     return bool(other.energy < equilibrium.energy - MIN_ENERGY_DROP * equilibrium.per_joint.sum())

@@ -1,7 +1,7 @@
-"""Find bodies that stay flat or come to rest far from their target, and remedies for them.
+"""Find bodies that stay flat or come to rest far from their target, and what a user can do about it.
 
-A body is a connected part of the piece. The relief of a surface is the root mean square distance of its quad centres
-from their best-fit plane.
+A body is a connected part of the piece. The relief of a surface is the root mean square distance of its quads' centres
+from the plane that fits them best.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from ..surface.curvature import LOW_RELIEF, relief
 from ..surface.mesh import QuadMesh
 from .visible import REMEDY_WORDS, VISIBLE_RMS_SHARE
 
-# RMS distance from the target, as a share of the target's relief, above which a body is far from it; larger warns less
+# A body is far from its target if the RMS distance is above this share of the target's relief; larger warns less
 FAR_BY_RELIEF = 0.5
-# relief, as a share of the target's relief, below which a body counts as having stayed flat: flat bodies have at most
+# A body has stayed flat if its relief is below this share of the target's relief. Bodies that stayed flat had at most
 # 0.12, all others at least 0.45
 FLAT_RELIEF_SHARE = 0.25
-# absolute Gaussian curvature of a patch, radians, above which a cut through it is proposed; larger: fewer cuts. For a
-# flat body without seams a cut is always proposed
+# A cut through a patch is proposed if the integral of its absolute Gaussian curvature is above this, radians; larger:
+# fewer cuts. For a flat body without seams a cut is always proposed
 MIN_PATCH_CURVATURE = 0.6
 
 
@@ -34,12 +34,13 @@ class FarBody:
     """One body that is far from its target.
 
     quads : (k,) indices of its quads
-    rms : RMS distance from the target, as a share of the body's diagonal
-    is_flat : whether the body has stayed flat; has_seam : whether a seam runs through it
-    is_supported : whether supports hold the body
-    has_border : whether the body has a border
-    is_whole_piece : whether the body is the whole piece
-    cut_edges : (c,) indices of the edges of a cut that would let the body curve; empty if no cut would help
+    rms : RMS distance from the target, as a share of the diagonal of the body's bounding box
+    is_flat : the body has stayed flat
+    has_seam : a seam runs through the body
+    is_supported : supports hold the body
+    has_border : the body has a border
+    is_whole_piece : the body is the whole piece
+    cut_edges : (c,) indices of the edges of a cut that would let the body curve; empty if no cut is proposed
     """
 
     quads: Int[np.ndarray, " some"]
@@ -53,7 +54,7 @@ class FarBody:
 
     @property
     def fault_text(self) -> str:
-        """Sentence to users about the fault."""
+        """Message to users: how far the body is from its target, and whether it is flat."""
         which = (
             "The piece"
             if self.is_whole_piece
@@ -64,7 +65,7 @@ class FarBody:
 
     @property
     def remedy_text(self) -> str:
-        """Sentence to users with the remedies, after a space; empty if neither supports nor a cut would help."""
+        """Message to users: what to do about it. It begins with a space; it is empty if nothing would help."""
         ways = []
         if self.has_border:
             ways.append(
@@ -91,8 +92,8 @@ def find_far_bodies(
     ----------
     layout : mesh and cuts
     target : mesh that the piece should match
-    centres : (n, 3) hub centres at rest, metres
-    is_supported : (n,) whether a support holds the hub's position
+    centres : (n, 3) centres of the hubs in the simulated shape, metres
+    is_supported : (n,) mask of the hubs whose position a support holds
     """
     mesh, far = target, []
     for k in range(mesh.body_count):
@@ -120,9 +121,11 @@ def find_far_bodies(
 
 
 def _middle_cut(layout: PatchLayout, quads: np.ndarray, *, any_curvature: bool) -> Int[np.ndarray, " c"]:
-    """Return the edges (c,) that halve the most curved patch of a body; empty if no patch is curved enough.
+    """Return the edges (c,) along which the most curved patch of a body would be cut into halves.
 
-    quads : quads of the body; any_curvature : whether to halve the patch no matter how little it is curved
+    Empty if this patch has less curvature than ``MIN_PATCH_CURVATURE``, unless ``any_curvature``.
+
+    quads : indices of the body's quads
     """
     curved = quad_curvatures(layout)[quads]
     patch = layout.patch_of[quads]
@@ -136,11 +139,11 @@ def _middle_cut(layout: PatchLayout, quads: np.ndarray, *, any_curvature: bool) 
 
 
 def quad_curvatures(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
-    """Return the absolute Gaussian curvature (F,) of every quad, radians; vertices on seams and borders count as 0.
+    """Return the integral (F,) of the absolute Gaussian curvature over every quad, radians.
 
-    The curvature is the angle defect (discrete Gauss-Bonnet). At a vertex this is 2 pi minus the sum of the angles
-    around it, divided equally among its quads; in a quad 2 pi minus the sum of its own angles, which is 0 in a planar
-    quad.
+    It is computed from angle defects (discrete Gauss-Bonnet), as a sum of two parts. The defect at a vertex is 2 pi
+    minus the sum of the angles around it, or 0 on seams and borders; its absolute value is divided equally among the
+    quads at the vertex. The defect in a quad is 2 pi minus the sum of its own angles, which is 0 if the quad is planar.
     """
     mesh = layout.mesh
     points = mesh.vertices[mesh.quads]

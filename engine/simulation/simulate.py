@@ -1,4 +1,4 @@
-"""Simulate the shape that an assembled design takes, and find what a maker should know about it."""
+"""Simulate the shape that an assembled design takes, and report to users what may be wrong with it."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from .band import ToleranceBand
 from .rests import SNAP_STIFFNESS, reported_rest, rest_findings
 from .shortfall import FarBody, find_far_bodies
 
-# difference between a joint's torsion in the simulated shape and in the target, radians, above which the shape is
-# probably a false minimum, which the real piece would not take; larger: fewer warnings; by eye
+# If the torsion of any joint differs by more than this, in radians, between the simulated shape and the target, the
+# shape is probably a false minimum, which the real piece would not take; larger: fewer warnings; by eye
 FALSE_MINIMUM_TORSION = 1.0
 
 
@@ -43,10 +43,12 @@ FALSE_MINIMUM_TORSION = 1.0
 class Simulation:
     """The equilibrium of a design, aligned with its target.
 
+    design, target, material : what was simulated: spirals on flat patches, mesh that they should match, and sheet
+    model, assembly, loads : elastic model, spirals and joints at rest, supports and forces
     equilibrium : the simulated shape; its pose is aligned with the target as far as supports allow
-    others : other equilibria, if they were searched for
+    others : other equilibria that were found, if they were searched for
     rest_from_target : member of ``others`` that a search from the target's pose reaches; None if there is none
-    band : effect of the tolerances of real sheets, if requested
+    band : effect of the tolerances of real sheets; None if it was not computed
     slots_cache, softest_cache : caches of the results of ``slots`` and ``softest``; empty before their first call
     """
 
@@ -65,37 +67,41 @@ class Simulation:
 
     @cached_property
     def vertices(self) -> Float[np.ndarray, "vertices 3"]:
-        """(V, 3) vertices of the simulated shape, metres: the target's vertices, moved with the hubs."""
+        """Vertices (V, 3) of the simulated shape, metres: the vertices of the flat quads, moved with their hubs."""
         return move_vertices(self.design, self.equilibrium.pose, self.target)
 
     @cached_property
     def distance(self) -> Float[np.ndarray, " quads"]:
-        """(F,) distance from every spiral's centre to the centre of its quad in the target, metres."""
+        """Distance (F,) from every spiral's centre to the centre of its quad in the target, metres."""
         return np.linalg.norm(self.equilibrium.pose.centres - self.target.centroids, axis=1)
 
     @cached_property
     def energy(self) -> Float[np.ndarray, " quads"]:
-        """(F,) elastic energy of every spiral, joules: half the energy of each of its joints."""
+        """Elastic energy (F,) of every spiral, joules: half of the energy of each of its joints."""
         halves, owners = np.repeat(0.5 * self.equilibrium.per_joint, 2), self.model.assembly.hub_pairs
         return np.bincount(owners.ravel(), weights=halves, minlength=self.assembly.size)
 
     @cached_property
     def joint_strain(self) -> Float[np.ndarray, "joints 2"] | None:
-        """(m, 2) largest surface strain of both arms of every joint, without fillets; None for the rod model."""
+        """Largest strain (m, 2) on the surface of both arms of every joint, except in the fillets at the hubs.
+
+        None for the rod model.
+        """
         return self.model.strains(self.model.start(self.equilibrium.pose), self.material)
 
     @cached_property
     def strain(self) -> Float[np.ndarray, " quads"] | None:
-        """(F,) largest strain on every spiral's arms, without fillets, as a share of the limit; None for the rod model.
+        """Largest strain (F,) in the arms of every spiral's joints, as a share of the material's strain limit.
 
-        The more strained arm of a joint counts for both of its spirals (see ``strain_changes.max_strain_per_spiral``).
+        Both arms of a joint count for both of its spirals (see ``strain_changes.max_strain_per_spiral``). None for the
+        rod model.
         """
         if self.joint_strain is None:
             return None
         return max_strain_per_spiral(self.model.assembly, self.joint_strain) / self.material.strain_limit
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
-        """Return the slots between the bent arms, measured at the first call; None without an equilibrium."""
+        """Return the slots between the bent arms, measured at the first call; None if there is no equilibrium."""
         if not self.slots_cache and self.equilibrium.converged:
             pose = self.equilibrium.pose
             arms = bend_arms(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
@@ -103,12 +109,13 @@ class Simulation:
         return self.slots_cache[0] if self.slots_cache else None
 
     def slots_near(self, quads: Bool[np.ndarray, " quads"], others: SpaceSlots) -> SpaceSlots | None:
-        """Measure the slots of some quads only; None without an equilibrium.
+        """Return ``others`` with the slots within and between some quads measured anew; None if there is no
+        equilibrium.
 
         Parameters
         ----------
-        quads : mask of the quads within and between which slots are measured
-        others : all slots in nearly this shape
+        quads : mask of these quads
+        others : all slots, measured in nearly this shape
         """
         if not self.equilibrium.converged:
             return None
@@ -117,12 +124,12 @@ class Simulation:
         return others.with_quads_of(slots_in_space(self.design, arms, quads=some), some)
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
-        """Return the softest motion of the hubs, computed at the first call.
+        """Return the softest motion of the hubs and its stiffness, computed at the first call.
 
         Returns
         -------
-        motion : (F, 6) shifts and turns of the hubs
-        share : stiffness of this motion, as a share of its stiffness by the convex part alone; negative at a saddle
+        (F, 6) : shift and turn of every hub
+        float : stiffness of this motion, as a share (see ``rests.Softest``); negative at a saddle
         """
         if self.softest_cache:
             return self.softest_cache[0]
@@ -140,7 +147,7 @@ class Simulation:
 
     @cached_property
     def far_bodies(self) -> list[FarBody]:
-        """The bodies that come to rest far from their target, or stay flat."""
+        """The bodies that come to rest far from their target, or stay flat; none if there is no equilibrium."""
         if not self.equilibrium.converged:
             return []
         held = self.loads.fixed[:, :3].any(axis=1)
@@ -148,19 +155,19 @@ class Simulation:
 
     @cached_property
     def torsion_change(self) -> Float[np.ndarray, " joints"]:
-        """(m,) absolute difference between the torsion of every joint and its torsion in the target, radians."""
+        """Absolute difference (m,) between the torsion of every joint and its torsion in the target, radians."""
         aim = target_pose(self.target, self.design.flat.corners)
         here, there = (self.model.torsion(self.model.start(pose)) for pose in (self.equilibrium.pose, aim))
         return np.abs(np.angle(np.exp(1j * (here - there))))
 
     @property
     def is_locked(self) -> bool:
-        """Whether some joint's torsion differs so much from the target's that the shape is probably a false minimum."""
+        """True if a torsion differs from that in the target by more than ``FALSE_MINIMUM_TORSION``."""
         return bool(self.torsion_change.max(initial=0.0) > FALSE_MINIMUM_TORSION)
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """Warnings about the shape: no equilibrium, far from target, outside the model, overstrained, unstable."""
+        """Warnings about the shape, such as: no equilibrium, far from the target, overstrained, about to snap."""
         findings = []
         if not self.equilibrium.converged:
             findings.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
@@ -178,7 +185,7 @@ class Simulation:
             faces = tuple((beside if len(beside) else piece.quads).tolist())
             text, code = piece.fault_text + piece.remedy_text, "stays-flat" if piece.is_flat else "far-from-target"
             far.append(Finding(code, "warning", text, faces, tuple(piece.cut_edges.tolist())))
-        findings += merge_alike(far)  # findings about alike bodies, such as eyes, share one sentence
+        findings += merge_alike(far)  # one message about several bodies with the same fault, such as two eyes
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
             text = f"{with_count(len(alone), 'quad is', 'quads are')} joined to no other quad and {'bends' if len(alone) == 1 else 'bend'} nothing: delete such quads, or join them to the others"
@@ -209,12 +216,12 @@ class Simulation:
         return findings + rest_findings(*rests, self.target, self.diagonal)
 
     def _strain_at(self, rest: Equilibrium) -> Float[np.ndarray, " quads"] | None:
-        """Return the property ``strain`` for this or another equilibrium of the piece."""
+        """Return ``strain`` in the equilibrium ``rest`` of the piece."""
         return self.strain if rest is self.equilibrium else replace(self, equilibrium=rest).strain
 
     @property
     def _strain_note(self) -> str:
-        """Remark in brackets for users: where the strain occurs, and how exact it is."""
+        """Remark in brackets in a message to users: where the strain occurs, and how exact it is."""
         if self.strain is None or not self.material.breaks:
             return " (on their surface, give or take 15 %)"
         at_fillets = 100.0 * FILLET_STRAIN * self.strain.max()
@@ -222,18 +229,18 @@ class Simulation:
 
     @cached_property
     def reactions(self) -> Float[np.ndarray, "quads 3"]:
-        """(F, 3) forces of the supports on the spirals, newtons; 0 where no support holds."""
+        """Forces (F, 3) of the supports on the spirals, newtons; 0 for spirals without support."""
         gradient = self.model.expand(self.model.start(self.equilibrium.pose)).gradient
         return np.where(self.loads.fixed[:, :3], gradient[:, :3] - self.loads.force, 0.0)
 
     @property
     def diagonal(self) -> float:
-        """Diagonal of the target's bounding box, metres: percentages refer to it."""
+        """Diagonal of the target's bounding box, metres; percentages in messages are shares of it."""
         return self.target.diagonal
 
     @cached_property
     def target_distances(self) -> dict[str, float]:
-        """Distances from the target, by the keys of the ``equilibrium`` block of report.json."""
+        """Distances from the target, under the keys that they have in the block ``equilibrium`` of report.json."""
         rms, far = float(np.sqrt((self.distance**2).mean())), float(self.distance.max())
         bends = laplacian_rmse(self.assembly.pairs, self.equilibrium.pose.centres, self.target.centroids)
         return {
@@ -245,7 +252,7 @@ class Simulation:
         }
 
     def report(self, progress: Progress = SILENT) -> dict[str, Any]:
-        """Return the ``equilibrium`` block of report.json."""
+        """Return the block ``equilibrium`` of report.json."""
         e, slots = self.equilibrium, self.slots(progress)
         block: dict[str, Any] = {
             "model": self.model.name,
@@ -295,16 +302,17 @@ def build_model(
 
     Parameters
     ----------
-    assembly : spirals and joints
-    material : elastic constants
+    assembly : spirals and joints at rest
+    material : of the sheet
     name : "arm" or "rod"
     quick : leave out the strains' second-order term (see ``arms.curving``), which matters under strong forces only
-    slopes : compute the arms' derivatives with respect to the design now; design searches need them
-    progress : called with the fraction done; may cancel
+    slopes : compute the derivatives of the arms' compliances by the design now, for a search for a design; otherwise
+        they are computed at their first use
+    progress : is updated and can cancel
 
     Raises
     ------
-    FlexMapsError if the rod model is requested for an assembly with a rim.
+    FlexMapsError : the rod model is requested for an assembly with a rim
     """
     if name == "rod":
         if assembly.rim is not None:
@@ -334,17 +342,17 @@ def simulate(
     ----------
     design : spirals on flat patches
     target : mesh that the piece should match
-    material : elastic constants and density
+    material : of the sheet
     params : settings of the simulation
-    supports : (k,) quads that are held at their places in the target; None to hold none
+    supports : (k,) indices of the quads that are held at their places in the target; None to hold none
     force : (F, 3) forces on the spirals, newtons; None for none
-    start : pose to start from; None to start from the target's pose
-    quick : leave out the strains' second-order term, as the optimiser does
-    progress : called with the fraction done and the vertices (V, 3) reached; may cancel
+    start : pose in which the search for the equilibrium starts; default the target's pose
+    quick : leave out the strains' second-order term (see ``arms.curving``), as the optimiser does
+    progress : is updated, shows the vertices (V, 3) of the present shape, and can cancel
 
     Raises
     ------
-    FlexMapsError if the loads would carry an unsupported body away, or ``supports`` names spirals that do not exist.
+    FlexMapsError : the loads would carry an unsupported body away, or ``supports`` names spirals that do not exist
     """
     assembly = assembly_from_design(design)
     within = progress.at(0.0, "Computing the stiffness of the arms")
@@ -367,17 +375,15 @@ def simulate(
 
 
 def move_vertices(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.ndarray, "vertices 3"]:
-    """Move the vertices of a mesh with the hubs of their quads: to the mean of the positions that these quads give.
+    """Return the vertices (V, 3) of a shape in which every flat quad moves rigidly with its hub, metres.
+
+    A vertex gets the mean of the positions that the quads around it would give it.
 
     Parameters
     ----------
-    design : gives every quad's flat shape, which moves rigidly with its hub
-    pose : pose of the hubs
-    mesh : quads and vertices; vertices without a quad stay
-
-    Returns
-    -------
-    (V, 3) vertices, metres
+    design : with the flat quads
+    pose : of the hubs
+    mesh : connects quads and vertices; vertices without a quad keep their positions in it
     """
     local = np.zeros((*mesh.quads.shape, 3))
     corners = design.flat.corners
