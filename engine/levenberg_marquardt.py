@@ -118,7 +118,7 @@ class LevenbergMarquardt:
             if proposal is None:
                 break
             if proposal.gain <= 0.0:
-                # the projection onto the variables' bounds has spoiled the step; a shorter step is changed less by it
+                # clipping the step to the variables' bounds has left no decrease; a shorter step is clipped less
                 self.damping *= 8.0
                 continue
             trial = problem.take_step(here, proposal)
@@ -161,11 +161,11 @@ class LevenbergMarquardt:
 
 
 def _least_share(here: LocalModel, step: np.ndarray, energy: float) -> float:
-    """Return the share of a step, within ``SHARES``, at which the energy is least by a parabola along the step.
+    """Return the share of a step, clipped to ``SHARES``, at which a parabola through the energies is least.
 
     The parabola has the energies at both ends of the step and the slope at its beginning.
 
-    here : expansion at the beginning; energy : after the whole step
+    here : expansion at the beginning of the step; energy : energy at its end
     """
     along = float(here.gradient @ step)
     bend = energy - here.energy - along

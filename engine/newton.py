@@ -194,8 +194,8 @@ def run_to_end(steps: Generator[Any, None, Result]) -> Result:
 class LineSearch:
     """Newton's method with a nonmonotone line search (Grippo, Lampariello and Lucidi 1986).
 
-    If the Hessian is indefinite, it is replaced by its convex part; in the next steps, a decreasing share of it is
-    replaced. This takes far fewer iterations than projecting the Hessian in every step. From a saddle, the search
+    If the Hessian is indefinite, its convex part replaces it in this step, and a decreasing share of it in the next
+    steps. This takes far fewer iterations than projecting the Hessian in every step. From a saddle, the search
     goes on along a direction in which the energy falls.
 
     tolerance : residual at which the iteration has converged

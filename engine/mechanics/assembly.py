@@ -129,7 +129,7 @@ class RimNodes:
         return cls(hub, offset, np.broadcast_to(np.eye(3), (len(hub), 3, 3)))
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> RimNodes:
-        """Return the nodes of the hubs with the indices ``hubs``; ``hub`` of the result indexes ``hubs``."""
+        """Return the nodes of the hubs with the indices ``hubs``; ``hub`` of the result is a position in ``hubs``."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)
         number[hubs] = np.arange(len(hubs))
         kept = number[self.hub] >= 0
@@ -189,7 +189,7 @@ class Assembly:
 
     @property
     def spirals(self) -> int:
-        """Number of spirals without the rim's nodes."""
+        """Number of spirals; the rim's nodes are not counted."""
         return self.size - self.nodes
 
     @property
@@ -298,7 +298,7 @@ class Assembly:
         """Bend points (m, 2, 2) of both arms of every joint, and their derivatives by the twists, as ``bend_point``."""
         value, slope = (found[self.pairs] for found in bend_point(self.twist))
         if self.nodes:
-            # a neck is so stiff that the arm that it joins to the rim takes on the whole turn of their joint
+            # a neck is so stiff that the whole turn of its joint bends the arm on the other side
             ties = self.tie_joints
             value[ties, 0], slope[ties, 0] = bend_point(self.twist[self.pairs[ties, 0]], 1.0)
             value[ties, 1], slope[ties, 1], slope[ties.stop :] = [1.0, 0.0], 0.0, 0.0

@@ -66,7 +66,7 @@ class ElasticModel(Protocol):
         """Return the model with the stiffness of every joint multiplied by ``share`` (m,)."""
 
     def start(self, pose: Pose) -> Any:
-        """Return the state at a pose, without a step that has led to it."""
+        """Return the state at a pose that no step has led to."""
 
     def energy(self, state: Any) -> float:
         """Return the elastic energy in joules; NaN where the model cannot be evaluated."""

@@ -37,8 +37,8 @@ from .elastic import ElasticModel, Expansion
 from .loads import Loads, joints_between_hubs
 from .newton_system import NewtonSystem
 
-# largest rotation of a hub in one Newton step, radians; larger needs fewer steps, but the steps predict less exactly;
-# chosen by eye
+# largest rotation of a hub in one Newton step, radians; larger needs fewer steps, but the quadratic model of the energy
+# is less exact; chosen by eye
 TURN_CAP = 0.5
 NUDGE = 0.05  # largest rotation of a hub in the step that leaves a saddle, radians; chosen by eye
 # The residual is relative to the forces in the joints, but at least to the forces that the joints would have at this
@@ -108,7 +108,7 @@ def solve(
     params : settings: tolerance and largest number of iterations
     progress : is updated and can cancel
     system : linear system of an earlier solve with the same joints and supports, to be used again; default a new one
-    iterations : largest number of Newton steps, where it is below that of the settings
+    iterations : largest number of Newton steps, if it is less than ``params.iterations``; default the latter
     step : (n, 6) predicted increments of the hubs that are made first; default none
     margins : stability margins to test: shares s for which H - s B may be positive definite, with the Hessian H and its
         convex part B. The largest one for which it is becomes ``Equilibrium.spare``
@@ -292,7 +292,7 @@ def other_minima(
 
 
 def _turn_inside_out(pose: Pose, held: np.ndarray) -> Pose:
-    """Return the pose after a reflection in the plane at right angles to its mean normal; held hubs do not move.
+    """Return the pose reflected in a plane at right angles to the mean normal of its hubs; held hubs do not move.
 
     The plane goes through the mean of the held hubs' centres. held : (n, 6) mask of the increments that are held
     """

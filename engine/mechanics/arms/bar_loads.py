@@ -30,7 +30,7 @@ from .tip_beams import sum_beyond
 # the first-order wrench that bends the arm, N and N m. TURN: rotation vector of the joint's other hub relative to the
 # arm's hub, radians. The loads of a joint's two arms have opposite signs.
 WRENCH, FIRST_ORDER, TURN = slice(0, 6), slice(6, 12), slice(12, 15)
-LOADS = 15  # number of these columns
+LOADS = 15  # number of columns of an array of arm loads
 # The pieces of an arm end before its hub. The rest of the arm, this many arm widths long, bends at the same rate as the
 # last piece. It ends about at the arm's root (see ``cut``). Larger turns all sections farther, but from 0.6 to 1.3 that
 # has little effect
@@ -75,7 +75,10 @@ class BarLoads:
     def from_bars(
         cls, bars: Bars, loads: Float[np.ndarray, "n 15"], compliance: Float[np.ndarray, "3 n pieces"]
     ) -> BarLoads:
-        """Bend the bars and compute the loads in their sections. Arguments: the attributes with the same names."""
+        """Bend the bars and compute the loads in their sections.
+
+        bars, loads, compliance : as the attributes of ``BarLoads``
+        """
         flat = _FlatLoads.from_wrench(bars, loads[:, FIRST_ORDER])
         twist, lift, turn = compliance * bars.length * flat.moments
         bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _split(loads[:, TURN])
@@ -203,7 +206,7 @@ def _split(vectors: Float[np.ndarray, "n 3"]) -> SplitVector:
 
 
 def _sum_pieces(vectors: SplitVector) -> Float[np.ndarray, "n 3"]:
-    """Sum vectors (n, pieces) over the pieces, and return the sums as plain arrays."""
+    """Sum vectors (n, pieces) over the pieces, and return the sums as an array (n, 3)."""
     flat = vectors.flat.sum(1)
     return np.stack([flat.real, flat.imag, vectors.off.sum(1)], axis=1)
 

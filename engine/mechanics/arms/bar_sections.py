@@ -21,7 +21,8 @@ from ...arrays import Float
 SATURATION = 1.8
 # curvature times width below which a power series replaces the logarithm, whose leading digits would cancel
 _SERIES_BELOW = 0.1
-_SERIES_TERMS = 6  # number of terms of this series; more are slower and more exact (error 1e-15)
+# number of terms of the power series that replaces the logarithm; more are slower and more exact (error 1e-15)
+_SERIES_TERMS = 6
 _TERMS = 60  # number of terms of the series for the torsion of a rectangle; more are more exact (error 1e-9)
 # The spline through the torsion functions: width over height at its first and last node, and number of nodes; more are
 # more exact
@@ -119,7 +120,8 @@ def _torsion_spline() -> Any:
     th, sech = np.tanh(x), 1.0 / np.cosh(np.minimum(x, 300.0))
     constant = w**3 * (1.0 / 3.0 - 64.0 / np.pi**5 * w * (th / n**5).sum(1))
     side = w * (1.0 - 8.0 / np.pi**2 * (sech / n**2).sum(1)) / constant
-    # half of the last term is subtracted, because the alternating sum converges slowly
+    # half of the series' last term is subtracted, because an alternating series that is cut off there is nearer to its
+    # limit
     face = w * 8.0 / np.pi**2 * ((sign * th / n**2).sum(1) - 0.5 * (sign * th / n**2)[:, -1]) / constant
     warp = 0.25 * w - 8.0 * w * w / np.pi**3 * (th / n**3).sum(1)
     warp = 0.5 * (warp + np.sqrt(warp * warp + _WARP_SOFT**2))

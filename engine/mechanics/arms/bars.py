@@ -33,8 +33,8 @@ BESIDE = BLEND_NUMBERS
 NUMBERS = BLEND_NUMBERS + 1  # number of parameters of a bar
 # number of pieces from the tip to the end of the bar; more are slower, fewer miss the kinks of short blends
 PIECES = 16
-# The last piece ends this far from the first fillet towards the tip, in arm widths, because from there on the hub
-# supports the inner edge; smaller overestimates strains
+# A bar's last piece ends this far before the first fillet, measured towards the tip in arm widths, because from there
+# on the hub supports the inner edge; smaller overestimates strains
 BEFORE_FILLET = 0.35
 # length in t of the last piece over that of the first; larger resolves short kinks near the tip better and the end near
 # the hub worse
@@ -114,7 +114,7 @@ class Bars:
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
     def vjp(self, gradient: BarGradient) -> Float[np.ndarray, "n numbers"]:
-        """Convert a scalar's derivatives with respect to the bars' shape to derivatives with respect to parameters."""
+        """Convert the derivatives ``gradient`` of one scalar per arm to derivatives with respect to the parameters."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
         by_turn = -gradient.bend * self.width / self.length
         by_length = gradient.length - gradient.bend * self.bend / self.length

@@ -22,8 +22,8 @@ _DEGREE = (
     44  # degree of the Chebyshev series of path_integrals in the twist; larger is slower, more exact (error 3e-10)
 )
 _TERMS = 12  # number of terms of the series for the torsion constant; more are slower and more exact (error 6e-7)
-# Only this many of these terms depend on the height: in all further ones, tanh is 1 in double precision
-# (1 - tanh(13 pi / 2) is 3e-18)
+# Only this many terms of the series for the torsion constant depend on the height: in all further ones, tanh is 1 in
+# double precision (1 - tanh(13 pi / 2) is 3e-18)
 _CURVED = 6
 
 

@@ -25,8 +25,8 @@ from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 from .stacked import BATCH
 from .tip_closing import newton_step
 
-# Largest number of Newton iterations that bring the tips of a joint together; the gap that remains is spread along the
-# arms. More are slower and more exact
+# Largest number of Newton iterations that bring the two tips of a joint together; the gap that remains is spread along
+# both arms. More are slower and more exact
 ROUNDS = 12
 # Gap between the two tips of a joint, relative to the size of a spiral, below which only one more Newton step follows.
 # The gap that then remains is spread along the arms. Larger is faster and less exact (at this value: 0.3 nanometres).
@@ -84,7 +84,7 @@ class BentArms(Columns):
         half = rotation_matrix(0.5 * share[:, None] * self.bend[arm, piece])
         turn = self.turn[arm, piece] @ half
         chord = flat - self.flat[arm, piece] + share[:, None] * self.stretch[arm, piece]
-        # within the hub the arm is rigid
+        # sections within the hub move rigidly with it
         chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
         return self.place[arm, piece] + matvec(turn, chord), turn @ half
 

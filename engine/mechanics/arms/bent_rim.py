@@ -53,7 +53,10 @@ class RimPieces:
         ).rim_only
 
     def with_nodes(self, pose: Pose) -> Pose:
-        """Return the pose with poses of the rim's nodes, in equilibrium between fixed hubs, unless it has them."""
+        """Return the pose with poses of the rim's nodes, which are in equilibrium between the fixed hubs.
+
+        A pose that has poses of the nodes is returned unchanged.
+        """
         return pose if pose.nodes is not None else self._model.start(pose).pose
 
 

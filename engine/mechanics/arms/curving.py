@@ -196,8 +196,8 @@ def second_order_strains(
     ----------
     arms : both arms of m joints
     at_joint : (m, 6, 6) stiffness of the joints against their motions, as in ``ArmModel``
-    lever : (m, 2, 3) metres, from each hub to the point (its end of the joint) between which and the other hub's point
-        the shift is measured, in the joint's axes
+    lever : (m, 2, 3) vectors from the two hubs to the two points (one fixed to each hub) between which the shift is
+        measured, in the joint's axes, metres
     progress : is updated and can cancel
     """
     out = np.empty((len(at_joint), 6, 6, 6))

@@ -101,7 +101,10 @@ class CurvingChanges:
         return second @ np.swapaxes(across, 1, 2)[:, None] + 2.0 * (inner[:, None, None, None] @ half)[..., 0, :]
 
     def energies(self, state: ArmState) -> Float[np.ndarray, "k 2 3"]:
-        """Return the derivatives of the joints' energies by the parameters at a fixed pose."""
+        """Return the derivatives of the joints' energies by the parameters at a fixed pose.
+
+        Axes: joint, side, parameter.
+        """
         motion, half, inner, _ = self._at(state)
         return (inner[:, None, None, None] @ half @ motion[:, None, None, :, None])[..., 0, 0]
 

@@ -37,13 +37,13 @@ from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 # Design parameters on which the compliance of an arm depends: its own width and twist, the mean width of its two
 # neighbours in the spiral, and width and twist of its mate, the arm beyond the joint.
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
-N_CUT_PARAMETERS = 5  # number of these parameters
-# A value and its derivatives by these parameters are stacked: row 0 is the value, row 1 + p the derivative by parameter
-# p. These are the rows that are not zero for a blended end, and for a root
+N_CUT_PARAMETERS = 5  # number of the design parameters ``WIDTH`` to ``MATE_TWIST``
+# A value and its derivatives by the five design parameters are stacked: row 0 is the value, row 1 + p the derivative by
+# parameter p. The rows that are not zero: for the blended end of an arm, and for its root
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
 _ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
-# The columns of ``CutArms.slope_by`` are derivatives by these parameters of ``blend_joints``, and the slices select
-# those of the design and those of the rest shape
+# The columns of ``CutArms.slope_by`` are derivatives by these parameters of ``blend_joints``. Two slices select the
+# columns of the design and those of the rest shape
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
 _BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)
 SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``rest_shapes``
@@ -116,7 +116,8 @@ class CutArms(Columns):
             return cls(*known, np.zeros(n), np.zeros(n), *pure, grain)
         if assembly.nodes:
             ties, twist = assembly.tie_joints, twist.copy()
-            twist[ties, 1] = -twist[ties, 0]  # so that the blend leads an arm straight into the rim's neck
+            # an arm at the rim is blended with its own mirror image, so that it leads straight into the neck
+            twist[ties, 1] = -twist[ties, 0]
         widths, twists = (_with_mates(v) for v in (width, twist))
         end = blend_joints(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
         slope_by, joint_by, share_by = (by[:, _END_COLUMNS] for by in (end.slope_by, end.width_by, end.share_by))
@@ -354,7 +355,7 @@ def _pure_spirals(arms: CutArms, t: np.ndarray, of_design: bool) -> tuple[np.nda
 def _fade_factor(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the factor (N,) of the added compliance, and its derivatives by width and by radius.
 
-    It is 1 within the range of scale over width that the table covers, and below falls smoothly to 0 at ``SHORTEST``.
+    It is 1 for scales over width in the table's range; below, it falls smoothly to 0 at ``SHORTEST``.
     """
     ratio, span = 2.0 * arms.radius / arms.width, SCALE_RANGE[0] - SHORTEST
     s = np.clip((ratio - SHORTEST) / span, 0.0, 1.0)

@@ -48,7 +48,7 @@ HUB_HOLDS = 1.7
 # w/h at which the two laws meet
 HUB_TALL = 0.31
 HUB_AT = 0.5  # distance from the hub's centre, in arm widths, at which the hub's flexibility acts: where the arm begins
-_RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # parameters by which the beam is differentiated
+_RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # indices of the parameters by which the beam is differentiated
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +59,12 @@ class SectionFlexibility:
 
     stretch : stretch per force along the arm
     slide : shear per force across the arm in the sheet
-    mixed : coupling of both: shear in the sheet per force along the arm
+    mixed : coupling of ``stretch`` and ``slide``: shear in the sheet per force along the arm
     rise : shear per force normal to the sheet
     bend : curvature in the sheet per moment about the normal
     lift : curvature out of the sheet per moment about the direction across the arm
     twist : twist rate per torque
-    coupled : coupling of the last two: twist rate per moment about the direction across the arm
+    coupled : coupling of ``lift`` and ``twist``: twist rate per moment about the direction across the arm
     """
 
     stretch: np.ndarray
@@ -84,9 +84,9 @@ class SectionFlexibility:
 
         Parameters
         ----------
-        known : moduli
+        known : moduli of the sheet
         angle : radians from the arm to the grain, positive to the arm's left
-        width, height : metres
+        width, height : of the sections, metres
         """
         s11, s16, s66, s55 = _rotated_compliances(known, angle)
         area, inertia = 1.0 / (width * height), 12.0 / (width * height**3)

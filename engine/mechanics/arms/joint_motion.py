@@ -126,8 +126,8 @@ def second_order(
     force, moment : (m, 3) constant weights of the components of gap and turn in space
     """
     force, moment, quarter, turn = joints_last(force), joints_last(moment), at.quarter, at.turn
-    # ``out`` is half of the result; its transpose is added at the end. In these terms, the half-way frame rotates by a
-    # small vector m, to first order in the increments, and the gap changes: force . (exp(-m) gap) to second order
+    # ``out`` is half of the result; its transpose is added at the end. First come the terms of force . (exp(-m) gap),
+    # where m is the small rotation vector of the half-way frame to first order in the increments
     out = np.zeros((12, 12, len(at.angle)))
     level = 0.5 * dot(force, at.gap)
     bend = 0.25 * (outer(force, at.gap) + outer(at.gap, force)) - level * EYE

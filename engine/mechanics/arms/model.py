@@ -202,7 +202,7 @@ class ArmModel:
 
     @property
     def rim_only(self) -> ArmModel:
-        """The model with only the joints of the rim: those of its necks and of its strips."""
+        """The model with only the joints of the rim: those between necks and arms, and the strips."""
         whole, joints = self.assembly, np.arange(self.assembly.n_inner_joints, len(self.pairs))
         parts = {name: getattr(whole, name)[joints] for name in ("pairs", "sides", "lever", "axes")}
         return self._select_joints(replace(whole, **parts), joints)

@@ -82,8 +82,8 @@ class StrainedArms:
     def values(self, loads: Float[np.ndarray, "arms 15"]) -> Float[np.ndarray, " arms"]:
         """Return the largest strains (N,) of the arms under loads in the columns of ``bar_loads``.
 
-        In a sheet with a grain, a strain is multiplied by the strength along the grain over the strength in the arm's
-        direction, so that it can be compared with one strain limit in all directions.
+        In a sheet with a grain, a strain is multiplied by ``material.strength`` over the strength in the arm's
+        direction, so that it can be compared with the material's strain limit in all directions.
         """
         out = np.empty(len(loads))
         for start in range(0, len(out), BATCH):
@@ -173,12 +173,12 @@ class _SectionStrains:
     def _weakness(self) -> tuple[np.ndarray | float, np.ndarray | float]:
         """Return the factor on strains for a sheet's grain, and its derivative by the angle from the arm to the grain.
 
-        It is above 1 where the sheet is weaker in the direction of the arm than along the grain.
+        The factor is ``material.strength`` over the strength in the arm's direction; 1 for sheets without a grain.
         """
         known = self.arms.material
         if known.orthotropy is None or known.orthotropy.strength is None:
             return 1.0, 0.0
-        # only the strength depends on the direction here: the stresses in arms hardly depend on the moduli
+        # only the strength depends on the direction of the grain, because stresses in arms hardly depend on the moduli
         angle = self.grain[:, None] - np.angle(self.bars.tangent)
         return direction_share(known.orthotropy.strength, known.strength, angle)
 
@@ -195,7 +195,7 @@ class _SectionStrains:
         return by_loads, np.concatenate([self.bars.vjp(gradient), by_weak.sum(1)[:, None]], axis=1)
 
     def _by_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the derivatives of ``values`` by what happens at the points of the sections.
+        """Return the derivatives of ``values`` by the strains at the points of the sections.
 
         Returns
         -------

@@ -213,7 +213,7 @@ class RestChanges:
         for side in (0, 1):
             part, normal = _rotation(side), self._normals[:, side]
             out[:, side, 2] += matvec(curvature[:, :, part], normal)
-            # the second derivative by two rotations of one hub has this part, because rotations do not commute
+            # finite rotations of a hub do not commute, which adds this to the second derivative by two of its rotations
             out[:, side, 2, part] += 0.5 * np.cross(normal, gradient[:, part])
         return out.reshape(len(out), 6, 12)
 

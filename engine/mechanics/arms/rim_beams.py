@@ -44,7 +44,7 @@ def set_rim_compliances(
     if by is not None:
         back = _own_axes(assembly, neck)
         by[neck], by[strips] = 0.0, 0.0
-        # a neck is as wide as the arm that it joins to the rim, so its compliance depends on its mate's width
+        # a neck is as wide as its mate, the arm at the border, so its compliance depends on the mate's width
         by[neck, MATE_WIDTH] = back @ slope @ np.swapaxes(back, 1, 2)
         by[arm, WIDTH] += by[arm, MATE_WIDTH]
         by[arm, TWIST] -= by[arm, MATE_TWIST]

@@ -28,7 +28,7 @@ from .curving import add_second_order, contract_with_wrench
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .joint_motion import JointMotion, SpatialMotion, first_order
 
-SENSES = np.array([1.0, -1.0])  # signs of the loads on the two arms of a joint, which are opposite
+SENSES = np.array([1.0, -1.0])  # the loads on the two arms of a joint are opposite: signs for the first and second arm
 
 # Number of design parameters on either side of a joint. They are the width of the arm at the joint, the twist of its
 # spiral and the mean width of the two arms beside it, with the indices ``WIDTH``, ``TWIST`` and ``BESIDE`` of ``cut``

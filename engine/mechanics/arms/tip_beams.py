@@ -127,7 +127,7 @@ class TipBeams:
 
     @property
     def hub_slopes(self) -> Float[np.ndarray, "n numbers"]:
-        """Derivatives of ``hub`` by the arms' parameters."""
+        """Derivatives of ``hub`` by the arms' parameters, in the columns of ``blends``."""
         lines = self.lines
         slopes = hub_ends(lines.radius, lines.wind, 0.5 * lines.width + self.fillet)[1]
         out = np.zeros((len(slopes), N_BLEND_PARAMETERS))
@@ -344,7 +344,7 @@ def hub_ends(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
     """Return t where arms of spirals with four equal arms leave their hub, and its derivatives (n, 3).
 
-    The slots beside an arm end where they are as wide as a fillet. The derivatives are by the three parameters.
+    The slots beside an arm end where they are as wide as a fillet. The derivatives are by radius, wind and away.
 
     Parameters
     ----------

@@ -14,8 +14,8 @@ _MAX_TURN = 0.5
 def newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the Newton step (m, 6) of the wrenches at joints, and the gaps (m,) between their tips, metres.
 
-    The step belongs to the wrench at the joint's first arm; the second arm's wrench is its opposite. The rotation
-    between the two tips of a joint adds 1 mm per radian to its gap.
+    The step is added to the wrench at the joint's first arm, and subtracted from that at its second arm. To the
+    distance of the two tips, 1 mm per radian of the rotation between them is added.
 
     tip, frame, yielding : (2 m, ...) positions, joints' axes in space and compliances of the tips, two rows per joint
     """

@@ -61,8 +61,8 @@ class TipMotions:
         # derivatives of compliance @ wrench at constant wrench, for both arms
         own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
         yields = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
-        # the same derivatives; axes: joint, arm, spiral to which the parameter belongs, parameter, component of the
-        # motion
+        # derivatives of compliance @ wrench at constant wrench; axes: joint, arm, spiral to which the parameter
+        # belongs, parameter, component of the motion
         both = np.zeros((m, 2, 2, PARAMETERS, 6))
         for side in (0, 1):
             both[:, side, side] = yields[:, side][:, [WIDTH, TWIST, BESIDE]]
@@ -110,5 +110,5 @@ def tip_motions(
 
 
 def _motion(assembly: Assembly, pose: Pose) -> JointMotion:
-    """Return the motions of the joints, measured between the two points of the module's docstring."""
+    """Return the motions of the joints, measured at the joint (see the module's docstring) and not at bend points."""
     return joint_motion(pose, assembly.pairs, assembly.lever, assembly.axes, np.zeros((len(assembly.pairs), 3)))

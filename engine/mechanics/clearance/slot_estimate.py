@@ -224,7 +224,7 @@ class Slots:
         # The axes ``there.across`` and ``here.across`` may separate the sections (separating axis theorem); this is the
         # smooth maximum of the distances along both
         value = 0.5 * (by_inner + by_outer + _soft_abs(by_inner - by_outer, _AXIS_ROUNDING))
-        # derivatives of the smooth maximum by ``by_inner`` (share, the rest by ``by_outer``), and through the tilts
+        # ``share`` is the derivative of the smooth maximum by ``by_inner``; that by ``by_outer`` is 1 - share
         share = 0.5 * (1.0 + (by_inner - by_outer) / np.hypot(by_inner - by_outer, _AXIS_ROUNDING))
         inner, outer = share[..., None], 1.0 - share[..., None]
         steep = [-height * (roll / np.hypot(roll, _TILT_ROUNDING))[..., None] for roll in rolls]

@@ -156,8 +156,7 @@ def _slots_between(
     -------
     (n,) and (n,) : the first and the second arms
     (n, M) : positions t on the first arms, around the point that is nearest to the second arm
-    (n, M) : positions s on the second arms: M times that of the nearest point, where the search for facing sections
-        starts
+    (n, M) : positions s on the second arms where the search for the facing sections starts; the M are equal
     """
     count, some = design.arms.width.size, (4 * quads[:, None] + np.arange(4)).ravel()
     place = bent.place[some]
@@ -192,8 +191,7 @@ def _slots_between(
 def _near_stations(
     place: Float[np.ndarray, "arms stations 3"], reach: Float[np.ndarray, " arms"]
 ) -> Int[np.ndarray, "pairs 2"]:
-    """Return all pairs of stations whose distance is below the reach of at least one of their arms, and some other
-    pairs.
+    """Return the pairs of stations that are closer than the reach of at least one of their arms, and a few other pairs.
 
     Arms are searched in groups whose reach differs by less than a factor of two. With the largest reach for all arms,
     nearly all arms of small quads, as at the tip of a cone, would form pairs.

@@ -24,8 +24,9 @@ class RodState:
         rest, the direction to its left, the normal
     bend : (m, 2, 2) components x, y of the curvature binormal at either end: along the third and the second column of
         ``frames``
-    torsion : (m,) rotation of the second hub relative to the first about the edge, radians, counted beyond whole turns
-    roll : (m,) rotation of the edge about itself relative to the first hub, radians, counted beyond whole turns
+    torsion : (m,) rotation of the second hub relative to the first about the edge, radians; more than a whole turn is
+        possible
+    roll : (m,) rotation of the edge about itself relative to the first hub, radians, also with whole turns
     predicted : (m,) length that the last Newton step predicted to first order, metres
     """
 
