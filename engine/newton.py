@@ -222,7 +222,7 @@ class LineSearch:
             return state, INDEFINITE
         step = problem.step(here)
         if np.abs(step).max() <= NEGLIGIBLE_STEP:
-            # the step is a rounding error, so the residual cannot get smaller
+            # the step consists of rounding errors, so no further step would make the residual smaller
             return state, AT_ROUNDING if problem.stable(state) else SADDLE
         found = self._search_line(problem, state, here, step, history)
         return (state, NO_DESCENT) if found is None else (found, None)

@@ -298,7 +298,7 @@ class Assembly:
         """Bend points (m, 2, 2) of both arms of every joint, and their derivatives by the twists, as ``bend_point``."""
         value, slope = (found[self.pairs] for found in bend_point(self.twist))
         if self.nodes:
-            # a neck is so stiff that the whole turn of its joint bends the arm on the other side
+            # in a joint between an arm and a rim's neck only the arm bends, because necks are very stiff: share is 1
             ties = self.tie_joints
             value[ties, 0], slope[ties, 0] = bend_point(self.twist[self.pairs[ties, 0]], 1.0)
             value[ties, 1], slope[ties, 1], slope[ties.stop :] = [1.0, 0.0], 0.0, 0.0
@@ -373,7 +373,7 @@ def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tupl
     lever[..., :2] = 0.5 * (start + end) - centre[pairs]
     along = np.zeros_like(lever)
     along[..., :2] = (end - start) / np.linalg.norm(end - start, axis=2, keepdims=True)
-    # the side of the second quad runs along the edge in the opposite direction; the axes follow that of the first quad
+    # the sides of both quads run along their common edge in opposite directions; both axes follow the first quad's side
     along[:, 1] *= -1.0
     normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
     axes = np.stack([np.cross(along, normal), along, normal], axis=3)

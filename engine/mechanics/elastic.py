@@ -66,7 +66,7 @@ class ElasticModel(Protocol):
         """Return the model with the stiffness of every joint multiplied by ``share`` (m,)."""
 
     def start(self, pose: Pose) -> Any:
-        """Return the state at a pose that no step has led to."""
+        """Return the state at a pose, where a search starts."""
 
     def energy(self, state: Any) -> float:
         """Return the elastic energy in joules; NaN where the model cannot be evaluated."""

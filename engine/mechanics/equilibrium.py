@@ -201,7 +201,8 @@ class _Balance:
         convex = self.system.values(here.convex) if self.margins else values
         kept = (one for one in sorted(self.margins, reverse=True) if self.system.factor(values - one * convex))
         self.spare = next(kept, 0.0)
-        return self.system.factor(values)  # this factorisation comes last, because the caller solves with it
+        # the exact Hessian is factorised last, because ``stable`` must keep its factorisation
+        return self.system.factor(values)
 
     def exits(self, state: Any) -> list[Any]:
         here = self.model.expand(state)
@@ -315,7 +316,7 @@ def _bend_along_modes(pose: Pose, modes: np.ndarray, k: int) -> Pose:
     rng = np.random.default_rng(k)
     weight = np.eye(len(modes))[k // 2] * (-1.0) ** k if k < 2 * len(modes) else rng.normal(size=len(modes))
     step = np.tensordot(weight / np.abs(weight).sum(), modes, 1) * MIN_BEND * (1.0 + k % 3)
-    # in small steps, because a mode is a direction only for infinitesimal rotations
+    # the pose is bent in eight small steps, because a mode is a direction of motion for infinitesimal rotations only
     for _ in range(8):
         pose = pose.moved(step / 8.0)
     return pose

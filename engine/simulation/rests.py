@@ -145,7 +145,7 @@ def snapping_spirals(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np
     Returns
     -------
     (k,) : indices of the spirals
-    float : stiffness of the softest motion, as a share (see ``Softest``); without spirals only a lower bound of it
+    float : stiffness of the softest motion, as a share (see ``Softest``); if no spirals are returned, a lower bound
     """
     none = np.zeros(0, dtype=int)
     if equilibrium.spare >= SNAP_STIFFNESS:

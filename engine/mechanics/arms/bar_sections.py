@@ -24,8 +24,8 @@ _SERIES_BELOW = 0.1
 # number of terms of the power series that replaces the logarithm; more are slower and more exact (error 1e-15)
 _SERIES_TERMS = 6
 _TERMS = 60  # number of terms of the series for the torsion of a rectangle; more are more exact (error 1e-9)
-# The spline through the torsion functions: width over height at its first and last node, and number of nodes; more are
-# more exact
+# The torsion functions are interpolated by a spline in the logarithm of width over height. These are the width over
+# height at its first and at its last node, and the number of nodes; more are more exact
 _THINNEST, _WIDEST, _NODES = 0.01, 100.0, 600
 # The warping of a corner becomes negative where a section is wider than high. Finite elements of solids show no warping
 # there, so it is replaced by a smooth maximum of warping and 0. This is the range of warping per twist rate, over the
@@ -58,7 +58,7 @@ class Curvature:
         root = 1.0 / np.sqrt(np.sqrt(fourth))
         k, slope = product * root, root / fourth
         square = k * k
-        # ``log`` is 1 + k^2 rest, so that small k do not cancel
+        # ``log`` is computed as 1 + k^2 rest, because for small k the difference between ``log`` and 1 would be inexact
         rest, rest_by = _log_rest(k)
         log, log_by = 1.0 + square * rest, (2.0 * k * rest + square * rest_by) * slope
         off = rest / log

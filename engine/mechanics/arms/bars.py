@@ -173,7 +173,7 @@ def _bar_ends(
     radius, wind, width = lines.radius, lines.wind, lines.width
     root, root_by = _first_fillets(lines, beside, fillet)
     from_centre = 1.0 - root
-    # |dx/dt| of the arm's centre line x(t) beside the fillet, in units of the radius
+    # speed |dx/dt| of the arm's centre line x(t) at the place beside the fillet, in units of the arm's radius
     speed = np.sqrt(1.0 + (wind * from_centre) ** 2)
     back = BEFORE_FILLET * width / (radius * speed)
     back_by = (back / speed**2 * wind**2 * from_centre)[:, None] * root_by

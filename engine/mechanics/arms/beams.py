@@ -18,9 +18,8 @@ from ...arrays import Float
 
 LARGEST_TWIST = math.radians(620.0)  # radians, end of the Chebyshev series: a little above a spiral's largest twist
 SHEAR_FACTOR = 1.2  # Timoshenko shear factor of a rectangular section (Timoshenko and Goodier)
-_DEGREE = (
-    44  # degree of the Chebyshev series of path_integrals in the twist; larger is slower, more exact (error 3e-10)
-)
+# degree of the Chebyshev series of ``path_integrals`` in the twist; larger is slower and more exact (error 3e-10)
+_DEGREE = 44
 _TERMS = 12  # number of terms of the series for the torsion constant; more are slower and more exact (error 6e-7)
 # Only this many terms of the series for the torsion constant depend on the height: in all further ones, tanh is 1 in
 # double precision (1 - tanh(13 pi / 2) is 3e-18)
@@ -103,9 +102,11 @@ def torsion_constant(height: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarra
     """
     height = np.asarray(height, dtype=float)
     flip = height > 1.0
-    # J is height^3 core(height); for height > 1 the sides are swapped, and J is height core(1 / height)
+    # J is height^3 core(height), where core is the bracket in the docstring's formula. For height > 1 the sides are
+    # swapped, and J is height core(1 / height)
     ratio = np.where(flip, 1.0 / height, height)
-    # tanh(k x) from powers of one exponential; it is 1 in double precision from the seventh term on, as x >= pi / 2
+    # With x = pi / (2 ratio), tanh(k x) is computed from powers of one exponential. From the seventh term on it is 1 in
+    # double precision, because x is at least pi / 2
     power = np.exp(-np.pi / ratio)
     step = power * power
     sums, slope = np.zeros_like(ratio), np.zeros_like(ratio)
@@ -143,11 +144,12 @@ def beam_tip_compliance(
     # the 24 integrals of ``path_integrals`` for n arms, and their derivatives by the twist
     p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T
     radius = 0.5 * np.asarray(scale)
-    # exponents of the radius in the bending integrals (in block 1 also torsion), for the six entries of both blocks
+    # The integrals of bending (and, in block 1, torsion) are for an arm of radius 1. These are the exponents of the
+    # true radius with which they are multiplied, for the six entries of both blocks
     in_degree, out_degree = np.array([[3, 3, 3, 2, 2, 1], [3, 2, 1, 2, 1, 1]])[..., None]
     torsion, torsion_slope = torsion_constant(height)
     shear_modulus = 0.5 / (1.0 + poisson)
-    # flexibilities of the section of width 1: bending in the plane 12 / h, out of it 12 / h^3
+    # curvature per moment of the section of width 1 and height h: in the plane 12 / h, out of the plane 12 / h^3
     bend_in, bend_out = 12.0 / height, 12.0 / height**3
     twist_out = 1.0 / (shear_modulus * torsion)
     d_twist_out = -twist_out * torsion_slope * height / torsion

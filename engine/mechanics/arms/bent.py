@@ -84,7 +84,7 @@ class BentArms(Columns):
         half = rotation_matrix(0.5 * share[:, None] * self.bend[arm, piece])
         turn = self.turn[arm, piece] @ half
         chord = flat - self.flat[arm, piece] + share[:, None] * self.stretch[arm, piece]
-        # sections within the hub move rigidly with it
+        # a section within the hub (t above that of the hub's edge) moves rigidly with the hub
         chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
         return self.place[arm, piece] + matvec(turn, chord), turn @ half
 
@@ -280,7 +280,7 @@ def _divide(
     pace = np.linalg.norm(velocity, axis=-1)
     length = pace * (hub / STATIONS)[..., None]
     tangent = np.zeros_like(middle)
-    tangent[..., :2] = -velocity / pace[..., None]  # outwards, from the hub to the tip
+    tangent[..., :2] = -velocity / pace[..., None]  # the tangent points from the hub to the tip, where t falls
     width = width_at(arms, t[:, :, 1::2])[0]
     known = None if material is None else material.orthotropy
     grain = None if material is None or known is None else Grain(known, design.params.grain, material.youngs)

@@ -50,7 +50,7 @@ class ArmCompliances(Columns):
         shape = self.table.shape
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
         if change.shape[1] > 3:
-            # rotating a grain direction by pi does not change it
+            # changes of the grain's angle are reduced to -pi/2 to pi/2, because opposite directions are the same grain
             turned = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
             change = np.concatenate([change[:, :3], turned[:, None], change[:, 4:]], axis=1)
             table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain

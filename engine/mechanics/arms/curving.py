@@ -65,8 +65,8 @@ class CurvedArms(Columns):
     radial : (m, 2, 3, 3) three columns in the joint's axes: unit vectors from the hub to the tip, to the left of that,
         and along the normal
     centre : (m, 2, 3) vector from the midpoint of both hubs to this arm's hub, in the joint's axes, metres
-    to_joint : (m, 6, 6) matrices that convert strains about the midpoint of both hubs to strains about the joint, all
-        in the joint's axes
+    to_joint : (m, 6, 6) matrices that convert motions (shift, turn) measured at the midpoint of both hubs to motions
+        measured at the joint, all in the joint's axes
     grain : (m, 2) angles from the radius to the grain, radians, as in ``CutArms``
     thickness : of the sheet, metres
     side : 1, or -1 for arms that wind clockwise
@@ -139,8 +139,8 @@ class Stations:
             after, last = (k + 1) % 3, (k + 2) % 3
             curve[..., k] = bend[..., after] * arm[..., last, None] - bend[..., last] * arm[..., after, None]
         curve[..., 3:] = bend
-        # The tip of the arm model turns a little more or less per wrench than the tip of this beam. Spread the
-        # difference along the arm
+        # The arm model's compliances contain hubs and table, so its tip turns a little more or less per wrench than the
+        # tip of the beam of these stations. Spread the difference along the arm
         back = np.swapaxes(np.linalg.inv(arms.to_joint), 1, 2)[:, None]
         left = arms.compliance[:, :, 3:] @ back - curve.sum(axis=2)
         curve += (length / length.sum(axis=2, keepdims=True))[..., None, None] * left[:, :, None]
@@ -165,7 +165,7 @@ class Stations:
         both : (m, 9, 6) derivatives of the variables of ``fields`` (wrench, then turn) with respect to the six strains
         """
         m = len(both)
-        # a and k of the docstring at the stations of both arms (m, 2 S, 3, 6), the last axis for the strains
+        # a and k of the docstring, (m, 2 S, 3, 6); axes: joint, station of either arm, component, strain
         turns, changes = ((self.fields[:, :, i].reshape(m, -1, 9) @ both).reshape(m, -1, 3, 6) for i in range(2))
         step, lever = (x.reshape(m, -1, 3) for x in (self.step, self.arm))
         by_step, by_lever, changed = (
@@ -213,13 +213,17 @@ def second_order_strains(
 
 
 def _wrench_and_turn(arms: CurvedArms, at_joint: np.ndarray) -> Float[np.ndarray, "joints 9 6"]:
-    """Return the linear map (m, 9, 6) from a joint's strains to its wrench about the hubs' midpoint and its turn."""
+    """Return the matrices (m, 9, 6) that map the motion of a joint to its wrench about the midpoint of both hubs (6)
+    and its turn (3).
+
+    at_joint : (m, 6, 6) stiffness of the joints, as in ``ArmModel``
+    """
     turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
     return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
 
 
 def _double_cross(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "joints 3 3"]:
-    """Return the matrices (m, 3, 3) that map a vector v to a x (v x b) / 2 + v x (a x b) / 2."""
+    """Return the matrices (m, 3, 3) that map a vector v to a x (v x b) / 2 + v x (a x b) / 2, for a and b (m, 3)."""
     return 0.5 * ((a * b).sum(axis=-1)[..., None, None] * _EYE + outer(a, b)) - outer(b, a)
 
 
@@ -307,7 +311,8 @@ def transfer_second_order(curving: np.ndarray, offset: Float[np.ndarray, "joints
     offset : (m, 3) metres, vector from the point of the result to the old point, in the joint's axes
     """
     out, across = curving.copy(), skew(offset)[:, None]
-    # a turn about one point shifts the other; this holds for the strains that enter D and for those that it returns
+    # A turn about one point shifts the other point. So both the strains with which D is multiplied (last two axes) and
+    # the strains that result (axis 1) are converted
     out[..., 3:] -= out[..., :3] @ across
     out[..., 3:, :] += across @ out[..., :3, :]
     out[:, :3] += (across[:, 0] @ out[:, 3:].reshape(-1, 3, 36)).reshape(-1, 3, 6, 6)

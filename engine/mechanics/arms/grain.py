@@ -44,8 +44,8 @@ POINTS = 48
 HUB_BEND, HUB_LIFT = 0.045, 0.025
 # distance from the hub's centre, in arm widths, up to which the hub keeps sections from warping; larger: stiffer arms
 HUB_HOLDS = 1.7
-# The effect of HUB_LIFT is proportional to w/h for tall arms and to h/w for wide ones; this is the fourth power of the
-# w/h at which the two laws meet
+# The additional bending of a hub out of the sheet (HUB_LIFT) is proportional to w/h for tall arms and to h/w for wide
+# arms, with w and h an arm's width and height. This is the fourth power of the w/h at which the two laws meet
 HUB_TALL = 0.31
 HUB_AT = 0.5  # distance from the hub's centre, in arm widths, at which the hub's flexibility acts: where the arm begins
 _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # indices of the parameters by which the beam is differentiated
@@ -318,7 +318,8 @@ class GrainBeams:
         angle[0], angle[1 + _GRAIN] = grain, 1.0
         t = np.zeros((5, POINTS, 1))
         t[0] = x[:, None]
-        # degree (1 to 0) to which the hub keeps sections from warping: it decreases with their distance from the centre
+        # ``share`` is the degree (1 to 0) to which the hub keeps a section from warping. It decreases with ``away``,
+        # the distance of the section from the hub's centre
         away = radius * (1.0 - t[0])
         share = np.zeros((5, POINTS, n))
         share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
@@ -334,7 +335,8 @@ class GrainBeams:
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = spiral_stations(radius, twist, t, **rows)
-        # the flexibility of the whole hub acts at a single station, so this station gets the length 1
+        # ``of_hub`` is the flexibility of a whole hub, not per length. So it is integrated over one station whose
+        # weight times speed, its length, is 1
         speed = np.abs(paces[0])
         weight = -(paces * np.conj(paces[0])).real / speed**3
         weight[0] *= -1.0

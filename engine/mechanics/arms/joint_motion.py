@@ -92,7 +92,8 @@ class SpatialMotion:
         """Return the motion, rotated from the half-way frame to the axes of space."""
         gap, turn = (joints_last(matvec(motion.middle, v)) for v in (motion.gap, motion.turn))
         angle = np.sqrt(dot(turn, turn))
-        across = 1.0 / np.sinc(angle / (2.0 * np.pi))  # numpy's sinc(x) is sin(pi x) / (pi x)
+        # (angle / 2) / sin(angle / 2), as numpy's sinc(x) is sin(pi x) / (pi x)
+        across = 1.0 / np.sinc(angle / (2.0 * np.pi))
         first, second = joints_last(motion.first), joints_last(motion.second)
         return cls(gap, turn, first, second, angle, tan_quarter(angle) * turn, across)
 

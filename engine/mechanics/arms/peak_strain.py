@@ -129,7 +129,7 @@ class _SectionStrains:
         self.inner = 1.0 - 0.5 * _SIDES * c.bend
         self.stretch = loads.normal / (youngs * width * height)
         self.in_plane = loads.turn / (youngs * width**2 * height)
-        # axial strain at both edges over ``in_plane``, the measure of bending in the sheet
+        # axial strain at both edges that bending in the sheet causes, over ``in_plane``
         self.shape = -(0.5 * _SIDES - c.off * c.bend) / (c.off * self.inner)
         self.raised = 6.0 / (youngs * height**2) / width * loads.lift / c.log
         self.way = bars.length @ _LAG_LENGTH
@@ -183,7 +183,7 @@ class _SectionStrains:
         return direction_share(known.orthotropy.strength, known.strength, angle)
 
     def slopes(self) -> tuple[Float[np.ndarray, "n 15"], Float[np.ndarray, "n 10"]]:
-        """Return the derivatives of ``values`` by the loads and by the arms' parameters."""
+        """Return the derivatives of the arms' largest strains (``values``) by their loads and by their parameters."""
         by_axial, by_shear, by_weak = self._by_points()
         sections, by_rate, own = self._by_sections(by_axial, by_shear)
         by_loads, bent, by_compliance = self.loads.vjp(*sections)
@@ -195,7 +195,7 @@ class _SectionStrains:
         return by_loads, np.concatenate([self.bars.vjp(gradient), by_weak.sum(1)[:, None]], axis=1)
 
     def _by_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the derivatives of ``values`` by the strains at the points of the sections.
+        """Return the derivatives of the arms' largest strains by the strains at the points of their sections.
 
         Returns
         -------
@@ -234,14 +234,14 @@ class _SectionStrains:
         raised, warped = over.sum(0) + by_axial[6] - by_axial[7], over[1] - over[0]
         stretch = flat.sum(0) + middle
         in_plane = (flat * self.shape).sum(0) + middle * c.bend
-        # ``bend`` becomes the derivative by the product of curvature and width
+        # derivative of the strains by the product of curvature and width: ``bend``
         edge = _SIDES * 0.5 / self.inner
         shape_by = (1.0 / self.inner + self.shape * edge) * c.bend_by + edge / c.off**2 * c.off_by
         bend = self.in_plane * ((flat * shape_by).sum(0) + middle * c.bend_by)
         bend += (tilt * self.tilt * edge).sum(0) * c.bend_by - raised * self.raised / c.log * c.log_by
         aside = INNER_SHEAR * (by_shear[1] - by_shear[0])
         bend += aside * self.twisting * t.values[1] * c.bend_by
-        # shear and warping depend on the torque, the width and the twist rate per torque
+        # derivatives of shear and warping by the torque, the width and the twist rate per torque
         side = (by_shear[:2] * self.share).sum(0)
         change = warped * t.values[3] / self.way
         back = change @ _LAG_DIFFERENCE.T

@@ -68,7 +68,8 @@ class RestChanges:
         known = self._assembly
         back, winding = np.swapaxes(known.axes, 2, 3), -1.0 if known.clockwise else 1.0
         lever, bend = (matvec(back, v) for v in (known.lever, self.model.lever))
-        own = known.axes[:, :, :2]  # its rows are the x and y axes of the patch, with components in the joint's axes
+        # the x and y axes of the flat patch on either side of the joint, as rows with components in the joint's axes
+        own = known.axes[:, :, :2]
         along, aside = np.moveaxis(known.bend_points[0], 2, 0)[..., None, None]
         by_bend = along * own + winding * aside * _about_normal(own)
         return (
@@ -226,7 +227,7 @@ class RestChanges:
             for k in range(3):
                 now = (*(part[:, side, k] for part in wrenches), turn[:, side, k])
                 out[:, side, k] = arm_loads(self._assembly, *now)
-        # an arm's own axes, in which its loads are, rotate with its lever
+        # loads are in the arm's own axes, which rotate when the lever changes its direction
         turned = arm_loads(self._assembly, *(_about_normal(v) for v in (known.wrench, known.linear, known.turn)))
         for side in (0, 1):
             out[:, side, :, side] -= self._shapes[1][:, side, :, None] * turned[:, side, None]

@@ -97,7 +97,8 @@ def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.n
             own = (frame * factor[..., None, :]) @ np.swapaxes(frame, -1, -2)
             found[:, :, rows] += own @ (more - found)[:, :, rows]
     compliance = rim_tip_compliance(found[:, :, :3], found[:, :, 3:], line.lever) / material.youngs
-    # the factors make the compliance of sheets with a grain slightly asymmetric
+    # the hole's factors make the compliance slightly asymmetric in sheets with a grain, so its symmetric part is
+    # returned
     return 0.5 * (compliance + np.swapaxes(compliance, 1, 2))
 
 

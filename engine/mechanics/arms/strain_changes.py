@@ -95,7 +95,7 @@ class Strains:
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
         out = spread_over_design(by_design, known.sides[e])
-        # the arm beside an arm belongs to the same spiral; beside necks and strips are only strips, of constant width
+        # only for arms of spirals: what lies beside the inner edge of a neck or strip is a strip, of constant width
         of_spiral = known.pairs[e, side] < known.spirals
         out[rows, side, _inner_side(known, known.sides[e, side])] += of_spiral * found.by_numbers[:, BESIDE]
         return StrainSlopes(by_pose, out, found)

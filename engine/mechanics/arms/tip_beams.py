@@ -300,7 +300,8 @@ class BentBeams:
             SplitVector(turned.flat.sum(1), turned.off.sum(1)),
         )
         moment, force, other = load.at(lever), load.force[:, None], virtual.at(lever)
-        # derivatives by bend and stretch at fixed tip motions: subtract what the virtual wrench cancels
+        # A change of a flexibility at fixed tip motions also changes the wrench. So the virtual wrench's bend and
+        # stretch are subtracted from the derivatives by bend and stretch
         bend = SplitVector(bend.flat - other.flat, bend.off - other.off)
         stretch = SplitVector(stretch.flat - virtual.force.flat[:, None], stretch.off - virtual.force.off[:, None])
         turned = beams._turn_pieces(bend)

@@ -269,7 +269,7 @@ def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -
         axis, roll = along[nearest], turn.flat[nearest]
         seen = np.conj(axis) * (place - middle[nearest])
         across = -seen.imag + 0.5 * beams.curving[nearest] * seen.real**2
-        # correction, because the inner arm's section is tilted against the normal of the sheet
+        # the inner arm's section is tilted against the sheet's normal, so a difference in height changes the distance
         across -= (shift.off[outer, k] - height[nearest]) * (np.conj(axis) * roll).real
         apart = sign * across - half[nearest] - half[outer, min(k, count - 1)]
         apart -= 0.5 * beams.thickness * np.abs((np.conj(axis) * (field.turn.flat[outer, k] - roll)).real)

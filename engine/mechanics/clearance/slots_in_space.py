@@ -241,7 +241,7 @@ def _narrowest_widths(
         pair, rows = (first[some], second[some]), np.arange(len(first[some]))
         apart, facing = _facing_distances(design, bent, pair, t[some], s[some])
         least = apart.argmin(axis=1)
-        # measure again, more closely, between the neighbours of the narrowest position
+        # measure again at CLOSER_STATIONS positions between the two neighbours of the narrowest position
         step = np.diff(t[some], axis=1).max(axis=1)[:, None]
         closer = t[some][rows, least, None] + step * np.linspace(-1.0, 1.0, CLOSER_STATIONS)
         closer = np.clip(closer, t[some].min(axis=1)[:, None], t[some].max(axis=1)[:, None])

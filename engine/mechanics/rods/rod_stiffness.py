@@ -153,7 +153,7 @@ class _Nearest:
 def _largest_twist(scale: np.ndarray, width: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the largest twist (n,) of the training samples, radians, and its derivatives by scale and width."""
     spread = (0.25 * math.pi * scale / (width + SMALLEST_SLOT * thickness)) ** 2
-    # spread - 1 is positive, because spread is 11 at the region's smallest scale over width
+    # spread - 1 is positive: spread is least, about 11, at the smallest scale over width of the training samples
     cut = np.sqrt(spread - 1.0)
     slope = np.where(cut < 2.0 * math.pi, spread / cut, 0.0)
     return np.minimum(2.0 * math.pi, cut), slope / scale, -slope / (width + SMALLEST_SLOT * thickness)

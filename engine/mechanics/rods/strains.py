@@ -129,7 +129,8 @@ def relaxed_roll(
         low[left], high[left] = below, above
         newton = here - slope / bulge
         good = (bulge > 0) & (newton >= below) & (newton <= above)
-        # as long as only one side is bracketed, the midpoint is infinite; clipping turns it into the longest step
+        # as long as the minimum is bracketed on one side only, the midpoint is infinite, and clipping makes it the
+        # longest step
         roll[left] = np.clip(np.where(good, newton, 0.5 * (below + above)), here - MAX_ROLL_STEP, here + MAX_ROLL_STEP)
         left = left[(np.abs(roll[left] - here) > TOLERANCE) & np.isfinite(slope)]
         if not len(left):
