@@ -136,7 +136,10 @@ class SaddleProblem(FactoredProblem, Protocol):
         """Return whether the exact Hessian at a state is positive definite; its factorisation is kept."""
 
     def exits(self, state: Any) -> list[Any]:
-        """Return two states near a saddle: small steps to either side along the direction of steepest decrease."""
+        """Return two states from which a search leaves a saddle.
+
+        They are a small step away from it, to either side along the direction in which the energy falls most.
+        """
 
 
 class Rule(Protocol):

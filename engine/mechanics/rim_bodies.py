@@ -48,7 +48,7 @@ class RimBeams(Columns):
     def from_points(
         cls,
         place: np.ndarray,
-        way: np.ndarray,
+        tangent: np.ndarray,
         tip: np.ndarray,
         length: np.ndarray,
         width: np.ndarray,
@@ -58,11 +58,13 @@ class RimBeams(Columns):
 
         Parameters
         ----------
-        place, way : (N, S) middles of the pieces (metres) and unit tangents towards the tip, complex
+        place, tangent : (N, S) middles of the pieces (metres) and unit tangents towards the tip, complex
         tip : (N,) tips of the arms, complex, metres
         length, width, bore : as in ``RimBeams``
         """
-        return cls(to_space(tip[:, None] - place), to_space(way), length, np.broadcast_to(width, length.shape), bore)
+        return cls(
+            to_space(tip[:, None] - place), to_space(tangent), length, np.broadcast_to(width, length.shape), bore
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,8 @@ SNAP_STIFFNESS = 0.02
 # A message names the spirals that move by at least this share of the largest motion; larger values name fewer spirals;
 # by eye
 MIN_MOTION_SHARE = 0.5
-# Another stable shape is as near to the target as the simulated shape if its RMS distance is at most this multiple of
-# the simulated shape's; larger: more shapes are; by eye
+# Another stable shape is reported as about as near to the target as the simulated shape if its RMS distance is at most
+# this multiple of the simulated shape's. Larger: more shapes are reported as such; by eye
 MAX_DISTANCE_RATIO = 1.25
 # codes of the messages about another stable shape: if it is farther from the target or its arms may break; if it is as
 # near to the target

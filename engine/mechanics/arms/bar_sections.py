@@ -58,7 +58,7 @@ class Curvature:
         root = 1.0 / np.sqrt(np.sqrt(fourth))
         k, slope = product * root, root / fourth
         square = k * k
-        # ``log`` is computed as 1 + k^2 rest, because for small k the difference between ``log`` and 1 would be inexact
+        # ``log`` is near 1 for small k; as 1 + k^2 rest, with an exact ``rest``, its difference from 1 is exact too
         rest, rest_by = _log_rest(k)
         log, log_by = 1.0 + square * rest, (2.0 * k * rest + square * rest_by) * slope
         off = rest / log

@@ -205,7 +205,7 @@ class Bender:
         closed: np.ndarray | None = None,
         wrench: np.ndarray | None = None,
         only: Bool[np.ndarray, " quads"] | None = None,
-        close: float = TIP_TOLERANCE,
+        tolerance: float = TIP_TOLERANCE,
         progress: Progress = SILENT,
     ) -> BentArms:
         """Bend the arms for one pose.
@@ -215,7 +215,7 @@ class Bender:
         pose, closed, wrench, progress : as in the function ``bend_arms``
         only : (F,) mask of the quads whose arms and mates across their joints are bent; default all. Attributes of
             other arms are zero in the result
-        close : gap between the tips of a joint, over ``size``, that ends the search, as ``TIP_TOLERANCE``
+        tolerance : gap between the tips of a joint, over ``size``, that ends the search, as ``TIP_TOLERANCE``
         """
         load = np.zeros((len(self.axes), 6))
         if wrench is not None:
@@ -230,7 +230,7 @@ class Bender:
             both = both[only[both // 4].any(axis=1)]
             some = np.union1d(some[np.repeat(only, 4)], both)
         for batch in progress.part(0.0, 0.6).batches(len(both), BATCH, BENDING):
-            _close_joints(self.pieces, pose, self.axes, load, both[batch], close * self.size)
+            _close_joints(self.pieces, pose, self.axes, load, both[batch], tolerance * self.size)
         progress(0.6, BENDING)
         shaped = _bend(self.pieces, pose, load, some)
         progress(0.8, BENDING)
@@ -238,11 +238,11 @@ class Bender:
 
 
 def _close_joints(
-    pieces: _ArmPieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float
+    pieces: _ArmPieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, tolerance: float
 ) -> None:
     """Change the tip wrenches ``load`` (A, 6) in place, so that both tips of the joints ``joint`` (m, 2) meet.
 
-    axes : (A, 3, 3) as in ``Bender``; close : gap between two tips that ends the search, metres
+    axes : (A, 3, 3) as in ``Bender``; tolerance : gap between two tips that ends the search, metres
     """
     for _ in range(ROUNDS):
         some = joint.ravel()
@@ -250,7 +250,7 @@ def _close_joints(
         step, miss = newton_step(tip, turn @ axes[some], yielding)
         load[joint[:, 0]] += step
         load[joint[:, 1]] -= step
-        joint = joint[miss > close]
+        joint = joint[miss > tolerance]
         if not len(joint):
             break
 

@@ -72,7 +72,7 @@ class CurvingChanges:
         cls,
         model: ArmModel,
         state: ArmState,
-        changed: Callable[[Assembly, int, int, np.ndarray], Assembly],
+        apply_change: Callable[[Assembly, int, int, np.ndarray], Assembly],
         scale: Callable[[Assembly, int, int], np.ndarray],
     ) -> CurvingChanges:
         joints, each = _joints_that_matter(model, state), 2 * PARAMETERS
@@ -86,7 +86,7 @@ class CurvingChanges:
         steps = np.zeros((each, len(every)))
         for k, (side, number) in enumerate(np.ndindex(2, PARAMETERS)):
             steps[k, k::each] = STEP * scale(alone, side, number)[k::each]
-            there = changed(there, side, number, steps[k])
+            there = apply_change(there, side, number, steps[k])
         change = _curving_nearby(model, every, alone, there) - model.curving_at_joint[every]
         return cls(model, joints, (change / steps.sum(axis=0)[:, None, None, None]).reshape(shape))
 
@@ -228,7 +228,7 @@ def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k
 
 
 def _curving_nearby(
-    model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
+    model: ArmModel, joints: np.ndarray, before: Assembly, after: Assembly
 ) -> Float[np.ndarray, "k 6 6 6"]:
     """Return the second-order term D (k, 6, 6, 6) of k joints after a slight change of their assembly.
 
@@ -238,18 +238,18 @@ def _curving_nearby(
     ----------
     model : elastic model of all joints, before the change
     joints : (k,) indices of the joints in ``model``
-    alone, there : assemblies of these k joints only, before and after the change
+    before, after : assemblies of these k joints only, before and after the change
     """
     compliance, values = model.compliance.subset(joints), 0.0
-    if there.lever is alone.lever and there.axes is alone.axes:
-        numbers = _cut_numbers(there) - _cut_numbers(alone)
+    if after.lever is before.lever and after.axes is before.axes:
+        numbers = _cut_numbers(after) - _cut_numbers(before)
         values = (numbers[..., None, None] * model.compliance_by[joints]).sum(axis=2)
     else:
         by = model.cut_by_shapes.reshape(len(model.pairs), 2, -1, 6, 6)[joints]
-        shapes = rest_shapes(there, model.material) - rest_shapes(alone, model.material)
+        shapes = rest_shapes(after, model.material) - rest_shapes(before, model.material)
         compliance = compliance.to_first_order(shapes, by.reshape(-1, *by.shape[2:]))
     compliance = replace(compliance, values=compliance.values + values)
-    found = ArmModel.assemble(there, compliance, there.bend_points[0], model.material, True).curving_at_joint
+    found = ArmModel.assemble(after, compliance, after.bend_points[0], model.material, True).curving_at_joint
     assert found is not None
     return found
 

@@ -200,21 +200,21 @@ def _inverse(a: np.ndarray) -> np.ndarray:
 
 def line_compliance(
     place: np.ndarray,
-    pace: np.ndarray,
+    velocity: np.ndarray,
     width: np.ndarray,
     weight: np.ndarray,
     grain: np.ndarray,
     height: float | np.ndarray,
-    of: Callable[..., SectionFlexibility],
+    flexibilities: Callable[..., SectionFlexibility],
 ) -> Float[np.ndarray, "12 numbers n"]:
     """Integrate flexibilities along lines on N arms to the compliances of the arms' tips.
 
     Parameters
     ----------
-    place, pace, width, weight : S stations on every arm, with derivatives by P parameters, as in ``cut._Line``
+    place, velocity, width, weight : S stations on every arm, with derivatives by P parameters, as in ``cut._Line``
     grain : (1 + P, 1 or S, N) angle from the arm's radius to the grain, radians
     height : thickness of the sheet, metres
-    of : function that returns the flexibilities of sections from their angle to the grain, width and height
+    flexibilities : function that returns the flexibilities of sections from their angle to the grain, width and height
 
     Returns
     -------
@@ -222,16 +222,16 @@ def line_compliance(
         derivatives
     """
     x, y = -place.real, -place.imag
-    speed = np.abs(pace[0])
-    along = pace * (np.conj(pace[0]) / speed)
-    unit = 1j * along.imag * (pace[0] / speed**2)
-    unit[0] = pace[0] / speed
+    speed = np.abs(velocity[0])
+    along = velocity * (np.conj(velocity[0]) / speed)
+    unit = 1j * along.imag * (velocity[0] / speed**2)
+    unit[0] = velocity[0] / speed
     tx, ty = unit.real, unit.imag
     turn = along.imag / speed
     turn[0] = np.angle(unit[0])
     angle = grain - turn
     length = product(weight, np.concatenate([speed[None], along.real[1:]]))
-    yields = of(angle[0], width[0], height)
+    yields = flexibilities(angle[0], width[0], height)
 
     def over(value: np.ndarray) -> np.ndarray:
         out = value[1] * width + value[2] * angle

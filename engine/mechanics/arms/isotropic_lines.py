@@ -11,20 +11,21 @@ from .stations import product, sum_products
 
 
 def isotropic_line_compliance(
-    place: np.ndarray, pace: np.ndarray, width: np.ndarray, weight: np.ndarray, height: float, material: Material
+    place: np.ndarray, velocity: np.ndarray, width: np.ndarray, weight: np.ndarray, height: float, material: Material
 ) -> Float[np.ndarray, "12 numbers n"]:
     """Return the tip compliances (12, 1 + P, N) of lines on N arms, by the integrals of ``beams.path_integrals``.
 
     Axes: nonzero entries of the lower triangle (``cut._NONZERO``); value and derivatives by P parameters; arms.
 
-    place, pace, width, weight : S stations on every arm, as in ``cut._Line``; height : thickness of the sheet, metres
+    place, velocity, width, weight : S stations on every arm, as in ``cut._Line``
+    height : thickness of the sheet, metres
     """
     x, y = -place.real, -place.imag
-    speed = np.abs(pace[0])
-    # ``pace`` (dx/dt and its derivatives) rotated so that dx/dt itself becomes real
-    along = pace * (np.conj(pace[0]) / speed)
-    unit = 1j * along.imag * (pace[0] / speed**2)
-    unit[0] = pace[0] / speed
+    speed = np.abs(velocity[0])
+    # the velocity and its derivatives are rotated so that the velocity becomes real
+    along = velocity * (np.conj(velocity[0]) / speed)
+    unit = 1j * along.imag * (velocity[0] / speed**2)
+    unit[0] = velocity[0] / speed
     tx, ty = unit.real, unit.imag
     length = product(weight, np.concatenate([speed[None], along.real[1:]]))
     lever, torque = product(x, tx) + product(y, ty), product(y, tx) - product(x, ty)

@@ -261,10 +261,7 @@ class ArmModel:
         return matvec(np.swapaxes(slope, -1, -2), matvec(self.at_joint, e))
 
     def motion_at_joint(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
-        """Return the motions (m, 6) of the joints, measured at the joint instead of at the bend points.
-
-        They are in half-way axes.
-        """
+        """Return the joints' motions (m, 6), in half-way axes, measured at the joint instead of the bend points."""
         motion = state.motion.vector
         motion[:, :3] += np.cross(self.offset, motion[:, 3:])
         return motion
@@ -319,7 +316,9 @@ class ArmModel:
         rates = first_order(SpatialMotion.from_joints(state.motion)).reshape(-1, 2, 3, 12)
         return slope @ (np.swapaxes(middle, 1, 2)[:, None] @ rates).reshape(-1, 6, 12)
 
-    def convex_by_design(self, state: ArmState, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
+    def convex_by_design(
+        self, state: ArmState, direction: Float[np.ndarray, "joints 12"]
+    ) -> Float[np.ndarray, "joints 2 5"]:
         """Differentiate every joint's convex energy by the design, at a fixed pose.
 
         The convex energy of a direction is the second derivative of the energy along it, by the convex part of the
@@ -328,7 +327,7 @@ class ArmModel:
         Parameters
         ----------
         state : at which the energy is expanded
-        way : (m, 12) the direction: increments of the first hub (6), then of the second (6), of every joint
+        direction : (m, 12) increments of the first hub (6), then of the second (6), of every joint
 
         Returns
         -------
@@ -336,7 +335,7 @@ class ArmModel:
             then its twist (per radian)
         """
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
-        return convex_by_design(*known, state.motion, way, self.curving_at_joint)
+        return convex_by_design(*known, state.motion, direction, self.curving_at_joint)
 
     def changes(self, state: ArmState) -> JointDerivatives:
         """Return the derivatives of the joints' wrenches by pose and design, as if D did not depend on the design."""

@@ -234,7 +234,7 @@ class _SectionStrains:
         raised, warped = over.sum(0) + by_axial[6] - by_axial[7], over[1] - over[0]
         stretch = flat.sum(0) + middle
         in_plane = (flat * self.shape).sum(0) + middle * c.bend
-        # derivative of the strains by the product of curvature and width: ``bend``
+        # ``bend`` sums up the derivatives by the product of curvature and width, through all strains
         edge = _SIDES * 0.5 / self.inner
         shape_by = (1.0 / self.inner + self.shape * edge) * c.bend_by + edge / c.off**2 * c.off_by
         bend = self.in_plane * ((flat * shape_by).sum(0) + middle * c.bend_by)

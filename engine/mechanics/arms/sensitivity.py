@@ -119,9 +119,9 @@ class JointDerivatives:
         known = (assembly.sides, wrench, by_pose, changes, tangent @ by_pose)
         return cls(*known, at_joint, linear, first, turn, turned, inner, across, tangent)
 
-    def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """Return the products (m, 2, 5) of ``gradient_by_design`` with the increments ``way`` (m, 12) of both hubs."""
-        along = matvec(self.by_pose, way)
+    def force_by_design(self, direction: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
+        """Return ``gradient_by_design`` times ``direction``, the increments (m, 12) of both hubs: (m, 2, 5)."""
+        along = matvec(self.by_pose, direction)
         out = matvec(self.wrench_by_design, along[:, None])
         out[:, :, TWIST] += matvec(self.turned, along[:, 3:])
         return spread_over_design(out, self.sides)
@@ -164,17 +164,17 @@ def convex_by_design(
     at_joint: np.ndarray,
     offset: np.ndarray,
     motion: JointMotion,
-    way: Float[np.ndarray, "joints 12"],
+    direction: Float[np.ndarray, "joints 12"],
     curving: np.ndarray | None = None,
 ) -> Float[np.ndarray, "joints 2 5"]:
     """Differentiate every joint's convex energy by the widths and twists of both spirals, at a fixed pose.
 
-    The convex energy is r.K.r, where r is the derivative of the joint's strains along the direction ``way``.
+    The convex energy is r.K.r, where r is the derivative of the joint's strains along ``direction``.
 
     Parameters
     ----------
     assembly, by, at_joint, offset, motion, curving : as in ``JointDerivatives.from_assembly``
-    way : (m, 12) direction: increments of both hubs (6 each)
+    direction : (m, 12) increments of both hubs (6 each)
 
     Returns
     -------
@@ -183,7 +183,7 @@ def convex_by_design(
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
-    rates = matvec(first_order(SpatialMotion.from_joints(motion)), way).reshape(-1, 2, 3) @ base
+    rates = matvec(first_order(SpatialMotion.from_joints(motion)), direction).reshape(-1, 2, 3) @ base
     rates = np.concatenate([rates[:, 0] + np.cross(offset, rates[:, 1]), rates[:, 1]], axis=1)
     slope = np.eye(6)[None]
     if curving is not None:
@@ -246,9 +246,9 @@ def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"
 
 
 def _bend_shift(
-    turn: Float[np.ndarray, "joints 3"], angle: np.ndarray, way: np.ndarray, force: np.ndarray
+    turn: Float[np.ndarray, "joints 3"], angle: np.ndarray, vector: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return A(turn) way, and the derivatives of force . A(turn) way by the turn, both (m, 3).
+    """Return A(turn) vector, and the derivatives of force . A(turn) vector by the turn, both (m, 3).
 
     The matrix A is defined in this module's docstring; angle : (m,) length of ``turn``
     """
@@ -262,14 +262,14 @@ def _bend_shift(
     by_second = np.where(
         small, -1.0 / 192.0 + near / 11520.0, (half * np.sin(half) - 2.0 * (1.0 - np.cos(half))) / safe**4
     )[:, None]
-    once = np.cross(turn, way)
+    once = np.cross(turn, vector)
     twice = np.cross(turn, once)
     pulled, pulled_twice = ((force * v).sum(axis=1, keepdims=True) for v in (once, twice))
-    along_way, along_force = ((turn * v).sum(axis=1, keepdims=True) for v in (way, force))
+    along_way, along_force = ((turn * v).sum(axis=1, keepdims=True) for v in (vector, force))
     gradient = (
-        first * np.cross(way, force)
+        first * np.cross(vector, force)
         + pulled * by_first * turn
-        + second * (force * along_way + way * along_force - 2.0 * turn * (force * way).sum(axis=1, keepdims=True))
+        + second * (force * along_way + vector * along_force - 2.0 * turn * (force * vector).sum(axis=1, keepdims=True))
         + pulled_twice * by_second * turn
     )
     return first * once + second * twice, gradient

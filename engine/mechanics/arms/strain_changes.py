@@ -22,7 +22,8 @@ from .cut import TWIST, WIDTH, rest_shapes
 from .peak_strain import GRAIN_INDEX, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointDerivatives, arm_loads, spread_over_design
 
-# length of blends in t for arms that are cut as pure spirals; it has no effect, because their blends change nothing
+# Length of blends in t for arms that are cut as pure spirals. It has no effect: such an arm is its own mate, and an arm
+# that is blended with an equal arm stays a pure spiral
 _UNCUT = 0.3
 
 

@@ -199,8 +199,9 @@ class TipBeams:
     def wrenches(self, shift: SplitVector, turn: SplitVector) -> Wrenches:
         """Return the wrenches at the tips that cause the tip motions ``shift`` (metres) and ``turn`` (radians).
 
-        The map is linear and symmetric. So, from a scalar's derivatives by force and moment, passed as ``shift`` and
-        ``turn``, it returns the scalar's derivatives by the tip motion.
+        The map from tip motion to wrench is linear and symmetric. So it also converts derivatives: if a scalar's
+        derivatives by force and moment are passed as ``shift`` and ``turn``, its derivatives by shift and turn are
+        returned.
         """
         stiff, centre, plane, roll, other, lift = self._elastic_centres
         force = _solve(plane, shift.flat - turn.off * centre)
@@ -300,8 +301,8 @@ class BentBeams:
             SplitVector(turned.flat.sum(1), turned.off.sum(1)),
         )
         moment, force, other = load.at(lever), load.force[:, None], virtual.at(lever)
-        # A change of a flexibility at fixed tip motions also changes the wrench. So the virtual wrench's bend and
-        # stretch are subtracted from the derivatives by bend and stretch
+        # Where a flexibility changes, the wrench must change too, so that the tip motion is the same. This is accounted
+        # for by subtracting the virtual wrench's moments and forces from the derivatives by bend and stretch
         bend = SplitVector(bend.flat - other.flat, bend.off - other.off)
         stretch = SplitVector(stretch.flat - virtual.force.flat[:, None], stretch.off - virtual.force.off[:, None])
         turned = beams._turn_pieces(bend)

@@ -90,7 +90,7 @@ class Section:
         bend, stretch, turn, shift = (
             x[every, piece].space for x in (field.bend, field.stretch, field.turn, field.shift)
         )
-        # a section within the hub (way is 0 there) moves like the innermost station, where the arm leaves the hub
+        # within the hub ``way`` is 0; sections there do not move relative to the hub, so no chord is rotated
         chord = to_space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
         halfway, whole = turn + 0.5 * share * bend, turn + share * bend
         frame = rotation_matrix(whole)
