@@ -19,8 +19,8 @@ GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 # as long as no step has failed, if the relative error of the predicted decrease is below EXACT. Smaller factors: fewer
 # steps, more refused ones (docs/tuning.md)
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
-# Smallest damping, in units of the energy over the number of variables. Less would not change the steps, and would take
-# longer to grow again
+# The damping stays above this times the energy over the number of variables. Less damping would hardly change the
+# steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
 SHARES = 0.05, 0.5  # smallest and largest share of a refused step that is tried next
 NEGLIGIBLE = 1e-9  # steps are negligible if no variable, scaled to [0, 1], changes by more than this

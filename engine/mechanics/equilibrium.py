@@ -140,8 +140,8 @@ def solve_stepwise(
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
     problem, state = _Balance(model, loads, params.tolerance, system, progress, margins), model.start(start)
     if step is not None:
-        # after a predicted step the search starts near the minimum, where the convex part of the Hessian is needed in
-        # the first step at most
+        # A predicted step ends near the minimum. If the Hessian is indefinite there, its convex part replaces it in one
+        # step only: a decay of 0 leaves no share of it for the next steps
         rule.decay, state = 0.0, model.moved(state, step)
     return _make_result(problem, (yield from minimise_stepwise(problem, state, rule)))
 

@@ -16,7 +16,9 @@ from numpy.polynomial import chebyshev as cheb
 
 from ...arrays import Float
 
-LARGEST_TWIST = math.radians(620.0)  # radians, end of the Chebyshev series: a little above a spiral's largest twist
+# The Chebyshev series of ``path_integrals`` are fitted to twists from 0 to this, in radians: a little above the largest
+# twist of a spiral
+LARGEST_TWIST = math.radians(620.0)
 SHEAR_FACTOR = 1.2  # Timoshenko shear factor of a rectangular section (Timoshenko and Goodier)
 # degree of the Chebyshev series of ``path_integrals`` in the twist; larger is slower and more exact (error 3e-10)
 _DEGREE = 44

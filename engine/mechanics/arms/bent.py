@@ -181,7 +181,7 @@ class Bender:
         ----------
         design : the spirals
         material : as in the function ``bend_arms``
-        only : (F,) mask of the quads for which ``bend`` can then be called; default all
+        only : (F,) mask of the quads that may be passed to ``bend`` as ``only``; default all
         """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
@@ -213,8 +213,8 @@ class Bender:
         Parameters
         ----------
         pose, closed, wrench, progress : as in the function ``bend_arms``
-        only : (F,) mask of the quads whose arms and mates across their joints are bent; default all. Attributes of
-            other arms are zero in the result
+        only : (F,) mask of quads; only their arms and the arms joined to these are bent, all other arms have zeros in
+            the result; default all quads
         tolerance : gap between the tips of a joint, over ``size``, that ends the search, as ``TIP_TOLERANCE``
         """
         load = np.zeros((len(self.axes), 6))
@@ -264,7 +264,7 @@ def _divide(
     """Divide arms into ``STATIONS`` pieces of equal length in t.
 
     axes : (A, 3, 3) as in ``Bender``
-    only : (F,) mask of quads; only their arms and the mates of these across joints are divided, others stay zero
+    only : (F,) mask of quads; only their arms and the arms joined to these are divided, all others have zeros
     """
     mates = opposite_sides(design.flat.layout.mesh)[0]
     quads = np.arange(len(mates)) if only is None else np.flatnonzero(only | only[mates].any(axis=1))

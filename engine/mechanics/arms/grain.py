@@ -48,7 +48,8 @@ HUB_HOLDS = 1.7
 # arms, with w and h an arm's width and height. This is the fourth power of the w/h at which the two laws meet
 HUB_TALL = 0.31
 HUB_AT = 0.5  # distance from the hub's centre, in arm widths, at which the hub's flexibility acts: where the arm begins
-_RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # indices of the parameters by which the beam is differentiated
+# indices of the parameters of an arm by which its beam's compliance is differentiated
+_RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,8 @@ INNER_SHEAR = 0.25
 LAG = 2
 POWER = 32  # degree of the power mean, a power of two; larger is closer to the maximum and less smooth
 MEAN_OVER_MAX = 0.881  # power mean over maximum: the median of many arms; larger lowers all strains
-# strain below which the kink of the absolute value at 0 is rounded off; larger is smoother and less exact
+# strain below which |strain|, which has a kink at 0, is replaced by a smooth function; larger is smoother and less
+# exact
 ROUNDING = 1e-5
 _SIDES = np.array([-1.0, 1.0])[:, None, None]  # y of a section's right and left edge, in half widths
 

@@ -90,7 +90,7 @@ class Section:
         bend, stretch, turn, shift = (
             x[every, piece].space for x in (field.bend, field.stretch, field.turn, field.shift)
         )
-        # within the hub ``way`` is 0; sections there do not move relative to the hub, so no chord is rotated
+        # where ``way`` is 0 the section lies within the hub and does not move relative to it, so its chord is set to 0
         chord = to_space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
         halfway, whole = turn + 0.5 * share * bend, turn + share * bend
         frame = rotation_matrix(whole)

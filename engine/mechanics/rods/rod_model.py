@@ -173,8 +173,8 @@ class RodModel(JointsOnly):
         Parameters
         ----------
         state : about which the energy is expanded
-        ahead : use the tension that the last step predicted in the Hessian (see ``ElasticModel.expand``); bending and
-            torsion are always those of ``state``
+        ahead : compute the Hessian with the tension that the last step predicted (see ``ElasticModel.expand``) instead
+            of the tension at ``state``; bending and torsion are always those at ``state``
         """
         joules, tension = self._stretch_energy(state.length)
         ends = strains.expand(self.springs, state.bend, state.angles)
