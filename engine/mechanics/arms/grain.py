@@ -98,7 +98,7 @@ class SectionFlexibility:
         stretch, mixed = per_section(s11, area, 1), per_section(s16, area, 1)
         slide, rise = per_section(SHEAR_FACTOR * s66, area, 1), per_section(SHEAR_FACTOR * s55, area, 1)
         bend, lift = per_section(s11, 12.0 / (height * width**3), 3), per_section(s11, inertia, 1)
-        # S16^2 / S11, then stacked with its derivative
+        # S16^2 and its derivative; in the next line S16^2 / S11 and its derivative
         shared = np.stack([s16[0] ** 2, 2.0 * s16[0] * s16[1]])
         shared = np.stack([shared[0] / s11[0], (shared[1] - shared[0] * s11[1] / s11[0]) / s11[0]])
         left = s66 - shared

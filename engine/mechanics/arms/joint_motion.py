@@ -148,8 +148,9 @@ def second_order(
     # [(e.q) s - (s.e) q]/4 + (e.q)(e x q)/8, with s = (a + b)/2, e = b - a and q = ``quarter``
     torque = cross(force, at.gap)
     mixed = 0.125 * (outer(torque, quarter) - dot(quarter, torque) * EYE)
-    # the turn changes to second order by alpha |e_across|^2 n + beta (n.e) e_across, with n the direction of the turn
-    # and e_across the part of e at right angles to it (see ``_turn_coefficients``)
+    # When the hubs rotate by a and b, with e = b - a, the turn changes to second order by
+    # alpha |e_across|^2 n + beta (n.e) e_across, with n the direction of the turn and e_across the part of e at right
+    # angles to it (see ``_turn_coefficients``)
     alpha, beta = _turn_coefficients(at.angle)
     share = dot(moment, turn) / np.maximum(at.angle, 1e-12) ** 2
     way = (0.125 * tan_quarter(at.angle)) * cross(quarter, torque) - share * (alpha + beta) * turn + beta * moment

@@ -130,7 +130,7 @@ class _SectionStrains:
         self.inner = 1.0 - 0.5 * _SIDES * c.bend
         self.stretch = loads.normal / (youngs * width * height)
         self.in_plane = loads.turn / (youngs * width**2 * height)
-        # axial strain at both edges that bending in the sheet causes, over ``in_plane``
+        # axial strain by bending in the sheet at both edges of a section, divided by ``in_plane``
         self.shape = -(0.5 * _SIDES - c.off * c.bend) / (c.off * self.inner)
         self.raised = 6.0 / (youngs * height**2) / width * loads.lift / c.log
         self.way = bars.length @ _LAG_LENGTH
@@ -216,11 +216,11 @@ class _SectionStrains:
     def _by_sections(
         self, by_axial: np.ndarray, by_shear: np.ndarray
     ) -> tuple[tuple[np.ndarray, ...], np.ndarray, BarGradient]:
-        """Convert derivatives by the strains at the points to derivatives by loads and shape of the sections.
+        """Convert derivatives by the strains at the sections' points to derivatives by the sections' loads and shapes.
 
         Parameters
         ----------
-        by_axial, by_shear : the first two results of ``_by_points``
+        by_axial, by_shear : derivatives by the axial strains and by the shear, as ``_by_points`` returns them
 
         Returns
         -------

@@ -51,7 +51,7 @@ class RestChanges:
 
     @cached_property
     def _frames(self) -> Float[np.ndarray, "joints 2 3 3"]:
-        """Rotations from the joint's axes, as fixed to the hub on either side, to the half-way axes."""
+        """Rotations to the half-way axes from the joint's axes, as these have rotated with the hub on either side."""
         return rotation_matrix(-0.5 * SENSES[:, None] * self.changes.turn[:, None])
 
     @cached_property
@@ -214,7 +214,8 @@ class RestChanges:
         for side in (0, 1):
             part, normal = _rotation(side), self._normals[:, side]
             out[:, side, 2] += matvec(curvature[:, :, part], normal)
-            # finite rotations of a hub do not commute, which adds this to the second derivative by two of its rotations
+            # rotations do not commute, so the second derivative by two rotations of the same hub has this additional
+            # part
             out[:, side, 2, part] += 0.5 * np.cross(normal, gradient[:, part])
         return out.reshape(len(out), 6, 12)
 

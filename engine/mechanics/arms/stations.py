@@ -11,14 +11,14 @@ from ...arrays import Float
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the products of the values of two arrays, with their derivatives."""
+    """Return the products of two arrays of values with derivatives (see the module), with the products' derivatives."""
     out = a * b[:1]
     out[1:] += a[:1] * b[1:]
     return out
 
 
 def sum_products(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
-    """Return the products of the values of two arrays summed over the stations, with their derivatives (1 + P, N)."""
+    """Return the sums (1 + P, N), over the stations, of the products of two arrays of values with derivatives."""
     out = np.einsum("psn,sn->pn", a, b[0])
     out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
     return out

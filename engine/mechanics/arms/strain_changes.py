@@ -199,5 +199,8 @@ def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray,
 
 
 def _inner_side(assembly: Assembly, sides: Int[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
-    """Return the sides of the arms next to the inner edges (towards which arms curve) of the arms on ``sides``."""
+    """Return for the arms on ``sides`` of their quads the side of the neighbouring arm at their inner edge.
+
+    The inner edge of an arm is the edge towards which the arm curves; both arms belong to the same spiral.
+    """
     return (sides + (1 if assembly.clockwise else -1)) % 4

@@ -177,10 +177,15 @@ class TipBeams:
 
     @cached_property
     def _elastic_centres(self) -> tuple[Any, ...]:
-        """Elastic centres of both beam problems, as levers, and the tip compliances about them.
+        """Elastic centres of both beam problems, and the tip compliances about them, where shifts and turns decouple.
 
-        In the plane: turn per moment, centre, p and r of shift per force (see ``_solve``). Out of the plane: p and r of
-        turn per moment, centre, shift per force.
+        A centre is given as i times the vector from it to the tip. p and r stand for the map x -> p x + r conj(x) of
+        vectors in the plane.
+
+        Returns
+        -------
+        in the plane : turn per moment; elastic centre; p and r of the shift per force
+        out of the plane : p and r of the turn per moment; elastic centre; shift per force
         """
         (p, r, off, gradient, aside, slide), lever = self._flexibilities[:6], self.lever
         turn = off.sum(1)
