@@ -96,7 +96,7 @@ class NewtonSystem:
         Parameters
         ----------
         values : (nnz,) entries of the matrix
-        share : share of the diagonal that is added to the diagonal
+        share : the diagonal entries are increased by about this share of themselves
 
         Returns
         -------

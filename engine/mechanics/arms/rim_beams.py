@@ -105,11 +105,12 @@ def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.n
 def _hole_factors(
     hole: Float[np.ndarray, "*lines"], height: Float[np.ndarray, "*lines"]
 ) -> tuple[Float[np.ndarray, "*lines 3"], Float[np.ndarray, "*lines 3"]]:
-    """Return by how much a hole softens a strip, over the softening by the narrower sections at the hole alone.
+    """Return factors on the compliance that a hole adds to a strip, by which it exceeds a simple estimate.
 
-    The factors are fitted to finite elements of strips with one hole. They are within 4 % for stretch, shear and
-    bending in the sheet, within 12 % for bending out of it. Small holes soften a stretched plate by three times their
-    share of its area (Kachanov, Tsukrov and Shafiro 1994).
+    The estimate only takes into account that the sections at the hole are narrower. The factors are fitted to finite
+    elements of strips with one hole. They are within 4 % for stretch, shear and bending in the sheet, within 12 % for
+    bending out of it. Small holes soften a stretched plate by three times their share of its area (Kachanov, Tsukrov
+    and Shafiro 1994).
 
     Parameters
     ----------

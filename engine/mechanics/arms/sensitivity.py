@@ -42,7 +42,7 @@ class JointDerivatives:
     The letters y, K, D and S are those of this module's docstring; motions are measured at the joint (see
     ``ArmModel``). Increments are those of both hubs (6 each), parameters the ``PARAMETERS`` of either side.
 
-    sides : (m, 2) indices of the arms that meet, in their spirals
+    sides : (m, 2) indices (0 to 3) of the arms that meet at the joint, in both of its spirals
     wrench : (m, 6) S^T K (y + y.D.y), force and moment at the joint, N and N m
     by_pose : (m, 6, 12) derivatives of y by the increments
     wrench_by_design : (m, 2, 3, 6) derivatives of the wrench by the parameters, at a fixed pose; axis 1: side
@@ -209,7 +209,7 @@ def spread_over_design(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) 
     Parameters
     ----------
     changes : (m, 2, 3, ...) derivatives by the ``PARAMETERS`` of either side
-    sides : (m, 2) indices of the arms that meet, in their spirals
+    sides : (m, 2) indices (0 to 3) of the arms that meet at the joint, in both of its spirals
     """
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
     every = np.arange(len(sides))[:, None], [0, 1]

@@ -96,7 +96,8 @@ class Strains:
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
         out = spread_over_design(by_design, known.sides[e])
-        # only for arms of spirals: what lies beside the inner edge of a neck or strip is a strip, of constant width
+        # the width ``BESIDE`` of an arm of a spiral is that of another arm of this spiral; necks and strips of a rim
+        # have a strip beside them, whose width is constant
         of_spiral = known.pairs[e, side] < known.spirals
         out[rows, side, _inner_side(known, known.sides[e, side])] += of_spiral * found.by_numbers[:, BESIDE]
         return StrainSlopes(by_pose, out, found)
@@ -172,7 +173,7 @@ def arm_strains(
 def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
     """Return for every spiral the largest strain in the arms of its joints.
 
-    Both arms of a joint count for both of its spirals, because a kink in one of them begins in the other.
+    The strains in both arms of a joint count for both of its spirals, because kinks extend from one arm into the other.
 
     strains : (m, 2) strains in both arms of the m joints
     """
