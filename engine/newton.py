@@ -171,7 +171,9 @@ def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
 def minimise_stepwise(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
     """Run ``minimise`` as a generator: it yields every new state, and returns the run at the end.
 
-    Parameters as in ``minimise``.
+    Parameters
+    ----------
+    problem, start, rule : as in ``minimise``
     """
     state, history = start, []
     while True:

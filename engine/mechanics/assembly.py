@@ -124,7 +124,9 @@ class RimNodes:
     def at_rest(cls, hub: np.ndarray, offset: Float[np.ndarray, "nodes 3"]) -> RimNodes:
         """Return the nodes at rest, in the flat sheet.
 
-        hub : (b,) index of every node's hub; offset : (b, 3) vectors from the hubs to the nodes, metres
+        Parameters
+        ----------
+        hub, offset : (b,) index of every node's hub, and (b, 3) vectors from the hubs to the nodes, metres
         """
         return cls(hub, offset, np.broadcast_to(np.eye(3), (len(hub), 3, 3)))
 
@@ -326,12 +328,13 @@ class Assembly:
         )
 
     def with_spirals(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """Return a copy with these widths (n, 4), metres, and twists (n,), radians, of the spirals."""
-        return replace(self, width=width, twist=twist)
+        """Return a copy with other spirals.
 
-    def with_rest_geometry(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
-        """Return a copy whose joints have another rest geometry: other values of ``lever`` and ``axes``."""
-        return replace(self, lever=lever, axes=axes)
+        Parameters
+        ----------
+        width, twist : (n, 4) widths of the arms, metres, and (n,) twists, radians
+        """
+        return replace(self, width=width, twist=twist)
 
 
 def assembly_from_design(design: SpiralDesign) -> Assembly:
@@ -385,7 +388,10 @@ def target_pose(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> Pose
 
     Each hub lies at the mean of its quad's corners and is rotated so that the flat quad fits these corners best.
 
-    mesh : the surface; corners : (F, 4, 2) corners of the flat quads, metres
+    Parameters
+    ----------
+    mesh : the surface
+    corners : (F, 4, 2) corners of the flat quads, metres
     """
     points = mesh.vertices[mesh.quads]
     flat = np.zeros_like(points)

@@ -134,7 +134,12 @@ class ElasticModel(Protocol):
     def strains(self, state: Any, material: Material) -> Float[np.ndarray, "joints 2"] | None:
         """Return the largest strain (m, 2) on the surface of both arms of every joint, except in the fillets.
 
-        Returns None if the model has no separate arms. material : of the sheet
+        Returns None if the model has no separate arms.
+
+        Parameters
+        ----------
+        state : state of the model
+        material : material of the sheet
         """
 
     def in_plane_energy(self, state: Any) -> Float[np.ndarray, " joints"] | None:

@@ -133,7 +133,11 @@ def solve_stepwise(
 ) -> Generator[Any, None, Equilibrium]:
     """Run ``solve`` as a generator, so that other work can be done between two steps.
 
-    Parameters as in ``solve``. It yields the model's state after every step and returns the equilibrium.
+    It yields the model's state after every step and returns the equilibrium.
+
+    Parameters
+    ----------
+    model, start, loads, params, progress, system, iterations, step, margins : as in ``solve``
     """
     if system is None:
         system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, start.centres), springs=loads.springs)

@@ -44,5 +44,10 @@ def laplacian_difference(
 
 
 def laplacian_rmse(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> float:
-    """Return the root mean square length of the vectors of ``laplacian_difference``, metres; parameters as there."""
+    """Return the root mean square length of the vectors of ``laplacian_difference``, metres.
+
+    Parameters
+    ----------
+    pairs, centres, target : as in ``laplacian_difference``
+    """
     return float(np.sqrt((laplacian_difference(pairs, centres, target) ** 2).sum(axis=1).mean()))

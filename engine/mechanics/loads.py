@@ -124,7 +124,12 @@ class Loads:
     def align(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
         """Return ``pose`` with every connected piece moved rigidly to lie closest to the pose ``target``.
 
-        A piece is moved only as far as its supports allow. pairs : (m, 2) indices of joined hubs
+        A piece is moved only as far as its supports allow.
+
+        Parameters
+        ----------
+        pose, target : poses of all hubs
+        pairs : (m, 2) indices of joined hubs
         """
         for free in movable_pieces(self.fixed, joints_between_hubs(pairs, len(self.fixed)), pose.centres):
             pose = free.align(pose, target.centres)

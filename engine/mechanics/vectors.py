@@ -12,12 +12,22 @@ from ..arrays import Float
 
 
 def matvec(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
-    """Return the products (..., i) of matrices (..., i, j) and vectors (..., j)."""
+    """Return the products (..., i) of matrices and vectors.
+
+    Parameters
+    ----------
+    matrix, vector : (..., i, j) and (..., j)
+    """
     return (matrix @ vector[..., None])[..., 0]
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the dot products (...) of vectors (..., i)."""
+    """Return the dot products (...) of vectors.
+
+    Parameters
+    ----------
+    a, b : (..., i) vectors
+    """
     return np.einsum("...i,...i->...", a, b)
 
 
@@ -27,7 +37,12 @@ def to_space(flat: np.ndarray) -> Float[np.ndarray, "... 3"]:
 
 
 def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i j"]:
-    """Return the outer products (..., i, j) of vectors a (..., i) and b (..., j)."""
+    """Return the outer products (..., i, j) of vectors.
+
+    Parameters
+    ----------
+    a, b : (..., i) and (..., j) vectors
+    """
     return a[..., :, None] * b[..., None, :]
 
 
@@ -39,7 +54,13 @@ def skew(v: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 
 def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
-    """Write the cross-product matrices of vectors v (3, ...) into ``out`` (3, 3, ...), which must hold zeros."""
+    """Write the cross-product matrices of vectors into an array of zeros.
+
+    Parameters
+    ----------
+    out : (3, 3, ...) zeros, which become the matrices
+    v : (3, ...) vectors
+    """
     out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
     out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
 

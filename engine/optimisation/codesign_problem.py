@@ -243,7 +243,7 @@ class FlatProblem(InverseProblem):
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
-        assembly = self.assembly.with_rest_geometry(lever, axes).with_spirals(*self.space.width_and_twist(x))
+        assembly = replace(self.assembly, lever=lever, axes=axes).with_spirals(*self.space.width_and_twist(x))
         if assembly.rim is not None:
             shift = (points - self.flat.flat.points)[layout.flat_corners].mean(axis=1)
             assembly = replace(assembly, rim=assembly.rim.with_hubs_moved(shift))

@@ -302,7 +302,7 @@ def _apply_origins(document: ElementTree.Element) -> None:
     """Write transforms about a point, given in pixels or without unit, as transforms about the origin."""
     for element in document.iter():
         style = dict(part.strip().split(":", 1) for part in element.get("style", "").split(";") if ":" in part)
-        found = _POINT.fullmatch((style.get("transform-origin") or element.get("transform-origin", "")).strip())
+        found = _POINT.fullmatch(str(style.get("transform-origin") or element.get("transform-origin", "")).strip())
         where = style if "transform" in style else element.attrib
         if found is None:
             continue

@@ -110,12 +110,13 @@ class _ArmPieces:
 def flat_centre(
     design: SpiralDesign, quad: np.ndarray, side: np.ndarray, t: Float[np.ndarray, "nodes _"]
 ) -> Float[np.ndarray, "nodes _ 3"]:
-    """Return points of the centre lines of flat arms, relative to their hubs' centres.
+    """Return points (N, M, 3) of the centre lines of flat arms, relative to their hubs' centres, in the patch's frame, metres.
 
+    Parameters
+    ----------
+    design : the design that has the arms
     quad, side : (N,) the arms: quad, and side of the quad to which the arm leads
     t : (N, M) positions on the arms, from 0 at the tip to 1 at the hub's centre
-
-    Returns (N, M, 3), metres, in the frame of the flat patch.
     """
     out = np.zeros((*t.shape, 3))
     shape = design.arms.one_by_one(quad, side)

@@ -35,7 +35,7 @@ from .grain import SectionFlexibility
 from .stacked import BATCH
 
 POINTS = 10  # number of Gauss points along an arm; more are slower and more exact (error 2e-8)
-_EYE = np.eye(3)
+_EYE = np.eye(3)  # the identity
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 _NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W  # Gauss quadrature on [0, 1]
 

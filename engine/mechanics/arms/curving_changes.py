@@ -193,11 +193,11 @@ def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarra
     if number < 2:
         lever = assembly.lever.copy()
         lever[:, side, number] += step
-        return assembly.with_rest_geometry(lever, assembly.axes)
+        return replace(assembly, lever=lever)
     axes, (cosine, sine) = assembly.axes.copy(), (np.cos(step)[:, None], np.sin(step)[:, None])
     x, y = axes[:, side, 0].copy(), axes[:, side, 1].copy()
     axes[:, side, 0], axes[:, side, 1] = cosine * x - sine * y, sine * x + cosine * y
-    return assembly.with_rest_geometry(assembly.lever, axes)
+    return replace(assembly, axes=axes)
 
 
 def _design_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:

@@ -41,11 +41,11 @@ N_CUT_PARAMETERS = 5  # number of the design parameters ``WIDTH`` to ``MATE_TWIS
 # A value and its derivatives by the five design parameters are stacked: row 0 is the value, row 1 + p the derivative by
 # parameter p. The rows that are not zero: for the blended end of an arm, and for its root
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
-_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
+_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # for the root
 # The columns of ``CutArms.slope_by`` are derivatives by these parameters of ``blend_joints``. Two slices select the
 # columns of the design and those of the rest shape
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
-_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)
+_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # of ``_END_COLUMNS``
 SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``rest_shapes``
 
 # rows and columns of the nonzero entries in the lower triangle of a compliance

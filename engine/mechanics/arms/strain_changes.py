@@ -175,6 +175,9 @@ def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints
 
     The strains in both arms of a joint count for both of its spirals, because kinks extend from one arm into the other.
 
+    Parameters
+    ----------
+    assembly : the joints, and which spirals they join
     strains : (m, 2) strains in both arms of the m joints
     """
     worst = np.zeros(assembly.spirals)

@@ -57,10 +57,9 @@ class PointGradient:
     velocity: Complex[np.ndarray, " k"]
     half: Float[np.ndarray, " k"]
 
-    @classmethod
-    def interleave(cls, first: PointGradient, second: PointGradient) -> PointGradient:
-        """Merge the derivatives of two lists of equally many scalars, which alternate in the result."""
-        return cls(*(_interleave(getattr(first, part.name), getattr(second, part.name)) for part in fields(cls)))
+    def interleaved_with(self, other: PointGradient) -> PointGradient:
+        """Return these derivatives alternating with those of ``other``, which are of equally many scalars."""
+        return PointGradient(*(_interleave(getattr(self, k.name), getattr(other, k.name)) for k in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +201,12 @@ class TipBeams:
         return turn, centre, plane, roll, other, lift
 
     def wrenches(self, shift: SplitVector, turn: SplitVector) -> Wrenches:
-        """Return the wrenches at the tips that cause the tip motions ``shift`` (metres) and ``turn`` (radians).
+        """Return the wrenches at the tips that cause given motions of the tips.
 
-        The map from tip motion to wrench is linear and symmetric. So it also converts derivatives: if a scalar's
-        derivatives by force and moment are passed as ``shift`` and ``turn``, its derivatives by shift and turn are
-        returned.
+        Parameters
+        ----------
+        shift, turn : motions of the tips, metres and radians. As the map is linear and symmetric, a scalar's derivatives
+            by force and moment may be passed instead; then its derivatives by shift and turn are returned
         """
         stiff, centre, plane, roll, other, lift = self._elastic_centres
         force = _solve(plane, shift.flat - turn.off * centre)

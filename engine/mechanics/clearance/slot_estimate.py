@@ -28,7 +28,7 @@ from ...spirals.curves.blends import (
     RADIUS,
 )
 from ..arms.split_vector import SplitVector
-from ..arms.tip_beams import BentBeams, PointGradient, TipBeams
+from ..arms.tip_beams import BentBeams, TipBeams
 from ..vectors import dot
 from .sections import Section, SectionGradient
 
@@ -155,7 +155,7 @@ class Slots:
         inner.along += facing.along
         gradients, pieces = zip(*(part.vjp(gradient) for part, gradient in ((here, outer), (there, inner))))
         pieces = np.stack(pieces, axis=1).ravel()
-        by_motion, by_numbers = field.vjp(both[:, 0], pieces, PointGradient.interleave(*gradients))
+        by_motion, by_numbers = field.vjp(both[:, 0], pieces, gradients[0].interleaved_with(gradients[1]))
         return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, N_BLEND_PARAMETERS)
 
     @property

@@ -27,8 +27,8 @@ MODELS = ("pair", "chord")
 # Ranges of the spirals that the networks were trained on, over the thickness of the sheet: width of the arms, scale of
 # the spirals, and smallest slot
 FLATNESS_RANGE = (0.5, 1.0)
-SCALE_OVER_THICKNESS = (5.0, 15.0)
-SMALLEST_SLOT = 0.15
+SCALE_OVER_THICKNESS = (5.0, 15.0)  # of the spirals
+SMALLEST_SLOT = 0.15  # over the thickness
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,7 +97,7 @@ def test_sheets_without_a_grain_do_not_feel_the_setting() -> None:
 
 def test_panels_and_their_grain_turn_together() -> None:
     known, turn = joints(20), Rotation.from_rotvec([0.0, 0.0, 1.1]).as_matrix()
-    turned = replace(known.with_rest_geometry(known.lever @ turn.T, turn @ known.axes), grain=known.grain + 1.1)
+    turned = replace(known, lever=known.lever @ turn.T, axes=turn @ known.axes, grain=known.grain + 1.1)
     one, other = ArmModel.from_assembly(known, BIRCH), ArmModel.from_assembly(turned, BIRCH)
     assert other.stiffness == pytest.approx(one.stiffness, abs=1e-9 * np.abs(one.stiffness).max())
     assert other.curving == pytest.approx(one.curving, abs=1e-9 * np.abs(one.curving).max())
@@ -179,7 +179,7 @@ def test_compliances_follow_the_rest_geometry() -> None:
     step = 1e-6 * rng.normal(size=known.lever.shape) * [1.0, 1.0, 0.0]
 
     def missed(share: float) -> float:
-        there = known.with_rest_geometry(known.lever + share * step, known.axes)
+        there = replace(known, lever=known.lever + share * step)
         exact = ArmModel.from_assembly(there, BIRCH, curving=False).compliance.values
         unit = np.sqrt(np.einsum("esii->esi", exact))
         apart = model.with_rest_geometry(there).compliance.values - exact
