@@ -39,13 +39,14 @@ from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
 N_CUT_PARAMETERS = 5  # number of the design parameters ``WIDTH`` to ``MATE_TWIST``
 # A value and its derivatives by the five design parameters are stacked: row 0 is the value, row 1 + p the derivative by
-# parameter p. The rows that are not zero: for the blended end of an arm, and for its root
+# parameter p. These rows are not zero for the blended end of an arm
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
-_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # for the root
-# The columns of ``CutArms.slope_by`` are derivatives by these parameters of ``blend_joints``. Two slices select the
-# columns of the design and those of the rest shape
+# rows 0 (value) and 1 + p (derivative by design parameter p) that are not zero for the root of an arm
+_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
+# The columns of ``CutArms.slope_by`` are derivatives by these parameters of ``blend_joints``
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
-_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # of ``_END_COLUMNS``
+# slices of the columns of ``CutArms.slope_by`` that belong to the design and to the rest shape
+_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)
 SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``rest_shapes``
 
 # rows and columns of the nonzero entries in the lower triangle of a compliance

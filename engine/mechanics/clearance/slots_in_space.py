@@ -27,8 +27,7 @@ from ..vectors import dot
 
 # A slot within a spiral is first measured at STATIONS points from its mouth inwards, then at CLOSER_STATIONS points
 # around the narrowest of these. More are slower and find narrower places, by up to 0.08 mm
-STATIONS = 14
-CLOSER_STATIONS = 7  # around the narrowest of the first
+STATIONS, CLOSER_STATIONS = 14, 7
 # Share of a slot's length, from its mouth inwards, that is measured. Near its inner end the slot is as wide as its
 # fillet. There the model would close slots that stay open, because its arms bend immediately outside the hub
 DEEPEST = 0.9

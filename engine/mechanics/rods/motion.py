@@ -53,8 +53,9 @@ ROLL_SIGNS = np.array([1.0, 1.0, -1.0])
 # second) to the six numbers (d, w): d is the shift of the second hub minus that of the first, w the turn of the hub at
 # this end
 END_INCREMENTS = np.zeros((2, 6, 12))
-END_INCREMENTS[:, :3, :3] = -np.eye(3)  # the first hub's shift
-END_INCREMENTS[:, :3, 6:9] = END_INCREMENTS[0, 3:, 3:6] = END_INCREMENTS[1, 3:, 9:] = np.eye(3)  # the others
+END_INCREMENTS[:, :3, :3] = -np.eye(3)  # d contains the shift of the first hub with the sign -1
+# d contains the shift of the second hub with the sign 1; w is the turn of the first or of the second hub
+END_INCREMENTS[:, :3, 6:9] = END_INCREMENTS[0, 3:, 3:6] = END_INCREMENTS[1, 3:, 9:] = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)

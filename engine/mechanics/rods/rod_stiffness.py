@@ -24,11 +24,11 @@ from ..out_of_range import SLACK, OutOfRange
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
 FORMAT = 1  # version of the file of networks that ``load_network`` can read
 MODELS = ("pair", "chord")
-# Ranges of the spirals that the networks were trained on, over the thickness of the sheet: width of the arms, scale of
-# the spirals, and smallest slot
+# range of the arms' width over the sheet's thickness, of the spirals on which the networks were trained
 FLATNESS_RANGE = (0.5, 1.0)
-SCALE_OVER_THICKNESS = (5.0, 15.0)  # of the spirals
-SMALLEST_SLOT = 0.15  # over the thickness
+# range of the spirals' scale over the sheet's thickness, of the spirals on which the networks were trained
+SCALE_OVER_THICKNESS = (5.0, 15.0)
+SMALLEST_SLOT = 0.15  # smallest slot over the sheet's thickness, of the spirals on which the networks were trained
 
 
 @dataclass(frozen=True, eq=False)
