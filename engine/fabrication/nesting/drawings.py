@@ -51,7 +51,6 @@ _SIMPLE_RULES = re.compile(
     r"(?:\s|/\*.*?\*/|{0}(?:\s*,\s*{0})*\s*\{{[^{{}}!]*\}})*".format(r"(?:\*|[\w-]*[.#]?[\w-]+)"), re.DOTALL
 )
 _POINT = re.compile(r"([-+\d.e]+)(?:px)?[\s,]+([-+\d.e]+)(?:px)?")  # matches a point in pixels, or without unit
-_SHOWN = ("display", "visibility", "opacity")  # attributes of SVG elements that hide what they hold
 FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # types of DXF entities that fill an area
 
 
@@ -278,24 +277,28 @@ def _place_symbols(document: ElementTree.Element) -> None:
     for parent in list(document.iter()):
         for child in [one for one in parent if _tag(one) == "symbol"]:
             parent.remove(child)
+
+    def list_uses() -> list[ElementTree.Element]:
+        return [one for one in document.iter() if _tag(one) == "use" and _referred(one) in symbols]
+
     placed = 0
-    while uses := [
-        (one, _referred(one)) for one in document.iter() if _tag(one) == "use" and _referred(one) in symbols
-    ]:
+    while uses := list_uses():  # a symbol may use another one
         placed += len(uses)
         if placed > MAX_SYMBOLS:
             raise RecursionError
-        for use, name in uses:
-            symbol, space = symbols[name], str(use.tag).removesuffix("use")
-            size = {key: use.get(key, symbol.get(key)) for key in ("width", "height")}
-            frame = {key: symbol.get(key) for key in ("viewBox", "preserveAspectRatio")} | size
-            moves = f"{use.get('transform', '')} translate({use.get('x', '0')},{use.get('y', '0')})"
-            inside = ElementTree.Element(space + ("svg" if symbol.get("viewBox") else "g"))
-            inside.attrib.update({key: text for key, text in frame.items() if text and symbol.get("viewBox")})
+        for use in uses:
+            symbol, space = symbols[_referred(use)], str(use.tag).removesuffix("use")
+            if symbol.get("viewBox"):
+                frame = {key: use.get(key, symbol.get(key)) for key in ("x", "y", "width", "height")}
+                frame |= {key: symbol.get(key) for key in ("viewBox", "preserveAspectRatio")}
+                inside = ElementTree.Element(f"{space}svg", {key: text for key, text in frame.items() if text})
+            else:
+                moved = f"translate({use.get('x', '0')},{use.get('y', '0')})"
+                inside = ElementTree.Element(f"{space}g", {"transform": moved})
             inside.extend(copy.deepcopy(list(symbol)))
-            kept = {key: text for key, text in use.attrib.items() if key in ("id", "class", "style", *_SHOWN)}
-            use.tag, use.attrib = f"{space}g", {**kept, "transform": moves}
-            use[:] = [inside]
+            use.tag, use[:] = f"{space}g", [inside]
+            for key in ("x", "y", "width", "height", *(key for key in use.attrib if key.endswith("href"))):
+                use.attrib.pop(key, None)
 
 
 def _apply_origins(document: ElementTree.Element) -> None:

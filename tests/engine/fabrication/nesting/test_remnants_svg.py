@@ -70,6 +70,8 @@ FORMS = {
                               [(100, 50, 0)]),
     "symbol with a viewBox and its own size": (PLAIN, f'<symbol id="a" viewBox="0 0 300 200" width="150" height="100">{RECT}</symbol><use href="#a"/>',
                                                [(100, 50, 0)]),
+    "symbol that is moved and scaled by a style": (PLAIN, f'{RECT}<symbol id="a"><rect width="40" height="40"/></symbol>'
+                                                   '<use href="#a" x="80" y="80" style="transform: scale(.5)"/>', [(200, 100, 1)]),
     "symbol of a symbol, twice": (PLAIN, '<symbol id="a"><rect width="200" height="100"/></symbol><symbol id="b"><use href="#a"/></symbol>'
                                   '<use href="#b"/><use href="#b" y="110"/>', [(200, 100, 0), (200, 100, 0)]),
     "symbols that are not shown": (PLAIN, f'{RECT}<symbol id="a"><circle cx="50" cy="50" r="20"/></symbol>'
