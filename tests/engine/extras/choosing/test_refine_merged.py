@@ -30,7 +30,7 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 SETTINGS = Settings()
-ALONG = 11  # quads along the tube with a waist
+ALONG = 15  # quads along the tube with a waist
 NEAR = replace(SETTINGS.choose, match=1e-3)  # what no layout holds
 
 
@@ -179,7 +179,7 @@ def test_an_end_from_outside_ends_it(sphere: tuple[LayoutProblem, PatchLayout, F
         refine_merged(piece, layout, flat, NEAR, Progress(stopped=lambda: True))
 
 
-def _waist(around: int = 24, along: int = ALONG) -> QuadMesh:
+def _waist(around: int = 28, along: int = ALONG) -> QuadMesh:
     """Return a tube with the narrow waist of a catenoid, open at both ends."""
     k, j = (one.ravel() for one in np.meshgrid(np.arange(around), np.arange(along), indexing="ij"))
     quads = np.stack([k + (j + step) * around for step in (0, 1)], axis=-1)

@@ -118,7 +118,7 @@ def test_random_sets_hold_the_first_panel_gain_area_and_probably_fit() -> None:
         # a logistic distribution with this mean and standard deviation
         scale = HULL_SHARE_DEVIATION * 3.0**0.5 / np.pi
         worth.append((area - least) * (1.0 - 1.0 / (1.0 + np.exp(-(hulls / sheet - MEAN_HULL_SHARE) / scale))))
-    assert worth == sorted(worth, reverse=True)
+    assert np.diff(worth).max() < 1e-12  # equal sets may differ by rounding
     assert made._random_sets([3], 0.0, np.random.default_rng(0)) == []
 
 
